@@ -224,14 +224,19 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
         found[name] = round(found.get(name, 0.0) + 1e3 * (time.perf_counter() - begin), 3)
         return answer
 
-    call, answer = Body.__call__, sight._Network.answer
+    call = Body.__call__
+    parts = {"network": (sight._Network, "answer"), "hits": (sight._Rays, "hits")}
+    plain = {name: getattr(*part) for name, part in parts.items()}
     work()
     Body.__call__ = lambda body, *given: timed(body.name, call, body, *given)  # type: ignore[method-assign]
-    sight._Network.answer = lambda *given: timed("network", answer, *given)  # type: ignore[method-assign]
+    for name, part in parts.items():
+        setattr(*part, lambda *given, name=name: timed(name, plain[name], *given))
     try:
         timed("all", work)
     finally:
-        Body.__call__, sight._Network.answer = call, answer  # type: ignore[method-assign]
+        Body.__call__ = call  # type: ignore[method-assign]
+        for name, part in parts.items():
+            setattr(*part, plain[name])
     return found
 
 
@@ -249,32 +254,43 @@ def touch_stages(run: Run) -> dict[str, Any]:
 
 
 def sight_stages(run: Run) -> dict[str, Any]:
-    """Stages of many views, and what lesser effort and TF32 would give."""
-    from contextlib import nullcontext
-
+    """Stages of many views, and what other rays, precisions and orders would give."""
     from objectfolder.batch import Batch, sight
 
+    torch = run.torch
+
+    def unfused(bias: Any, first: Any, second: Any) -> Any:
+        return torch.addmm(bias, first, second).relu_()
+
     file, count = objects()[0], 2 if run.on_cpu else 1024
-    batch = Batch([file], run.device).sight
     cameras, lights = file.sample_views(count, seed=5, lit=True)
     true = file.render(cameras[:8], lights[:8], 128)
-    given = [run.torch.as_tensor(part, device=run.device) for part in (cameras, lights)]
+    given = [torch.as_tensor(part, device=run.device) for part in (cameras, lights)]
     found: dict[str, Any] = {"views": count}
-    contrast, precise = sight.CONTRAST, sight.full_precision
-    for label, limit, exact in (
-        ("plain", contrast, True), ("coarse", 0.3, True), ("tf32", contrast, False), ("both", 0.3, False)
-    ):  # fmt: skip
-        sight.CONTRAST = limit
-        sight.full_precision = precise if exact else nullcontext  # type: ignore[assignment]
-        run.torch.set_float32_matmul_precision("highest" if exact else "high")
-        found[label] = stages(run, lambda: batch.render(0, *given, 128))
-        taken = run.seconds(lambda: batch.render(0, *given, 128), 5)
+    for label, rays, where, name, value in (
+        ("plain", 10, sight, "HALF", sight.HALF),
+        ("8_rays", 8, sight, "HALF", sight.HALF),
+        ("12_rays", 12, sight, "HALF", sight.HALF),
+        ("float16", 10, sight, "HALF", torch.float16),
+        ("tf32", 10, sight, "HALF", torch.float32),
+        ("single", 10, sight, "HALF", torch.float32),
+        ("rows_of_pixels", 10, sight, "TILE", (1, 1)),
+        ("relu_apart", 10, torch, "_addmm_activation", unfused),
+    ):
+        before = getattr(where, name)
+        setattr(where, name, value)
+        torch.set_float32_matmul_precision("high" if label == "tf32" else "highest")
+        try:
+            batch = Batch([file], run.device).sight
+            found[label] = stages(run, lambda: batch.render(0, *given, 128, sub_rays=rays))  # noqa: B023
+            taken = run.seconds(lambda: batch.render(0, *given, 128, sub_rays=rays), 5)  # noqa: B023
+            image = batch.render(0, given[0][:8], given[1][:8], 128, sub_rays=rays)
+        finally:
+            setattr(where, name, before)
         found[label]["views_per_s"] = round(count / taken, 1)
-        image = batch.render(0, given[0][:8], given[1][:8], 128).cpu().numpy().astype(float)
-        error = ((image - true[: len(image)]) ** 2).mean(axis=(1, 2, 3))
+        error = ((image.cpu().numpy().astype(float) - true[: len(image)]) ** 2).mean(axis=(1, 2, 3))
         found[label]["psnr_db_least"] = float(10 * np.log10(255**2 / error.max()))
-    sight.CONTRAST, sight.full_precision = contrast, precise
-    run.torch.set_float32_matmul_precision("highest")
+    torch.set_float32_matmul_precision("highest")
     return found
 
 

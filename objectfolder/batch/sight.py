@@ -1,42 +1,69 @@
 """Thousands of views of several objects at once: what `render` answers, as tensors on a device.
 
-First hits and shadows are found by the tree of a single view, points are shaded by the network in single
-precision. A pixel has a ray through its centre, or `sub_rays` where it differs from a neighbour.
+First hits and shadows are found by the tree of a single view, points are shaded by the network in bfloat16,
+whose sums are single. A pixel has a ray through its centre, or `sub_rays` where it differs from a neighbour.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from objectfolder.batch import sight_bodies
 from objectfolder.batch.resident import joined, numbers, object_indices, upload
-from objectfolder.batch.sound import full_precision
-from objectfolder.batch.targets import Tensor, checked_device, torch
+from objectfolder.batch.targets import Tensor, checked_device, resident, torch
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, focal_length_px, image_size, sub_ray_offsets
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.network import LIGHT_INPUTS
-from objectfolder.vision.compositing import SRGB_KNEE
-from objectfolder.vision.network.network_layout import ANGLES, MIRROR_WIDTH
+from objectfolder.vision.network.network_layout import ANGLES, MIRROR_WIDTH, WIDTH
 from objectfolder.vision.visionnet.sight_queries import SightQueries
 
-functional = torch.nn.functional
 # Difference to a neighbour, in sRGB on white, from which on a pixel is looked at again.
 CONTRAST = 0.15
 # Rays traced at a time.
 RAYS_AT_ONCE = 1 << 24
+# Rows and columns of pixels whose rays follow each other: 32 threads take alike ways through the tree.
+TILE = 4, 8
+# Of the matrices of networks, whose products are summed in single precision. Lamps far away and close to a
+# surface are beyond the range of float16.
+HALF = torch.bfloat16
 LEVELS = sight_bodies.LEVELS
 
 
 @dataclass(frozen=True)
-class _Points:
-    """Points that rays meet; `view` (n,) says in which view."""
+class _Rays:
+    """Rays (n,) and what they meet: `face` is -1 where that is nothing."""
 
     view: Tensor
     face: Tensor
     barycentric: Tensor
     direction: Tensor
+
+    @classmethod
+    def empty(cls, count: int, device: torch.device) -> "_Rays":
+        """Return room for rays."""
+        view, face = (torch.empty(count, dtype=torch.int32, device=device) for _ in range(2))
+        places = (torch.empty((count, 3), dtype=torch.float64, device=device) for _ in range(2))
+        return cls(view, face, *places)
+
+    @property
+    def arrays(self) -> tuple[Tensor, ...]:
+        """The parameters, as kernels that write them take them."""
+        return self.view, self.direction, self.face, self.barycentric
+
+    def hits(self) -> Tensor:
+        """Return which rays (m,) meet something."""
+        return torch.nonzero(self.face >= 0)[:, 0]
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Points that rays meet; `ray` (n,) says which ray."""
+
+    rays: _Rays
+    ray: Tensor
     position: Tensor
     normal: Tensor
     side: Tensor
@@ -70,22 +97,24 @@ class SightBatch:
         lit = [LitSurface(net._surface) for net in nets]
         trees = [one.volumes for one in lit]
         sizes = np.array([(len(tree.boxes), len(tree.faces)) for tree in trees])
-        self._tree = (
+        self._tree = _resident(
             _begins(sizes, place),
             joined([tree.boxes for tree in trees], place),
             joined([tree.children for tree in trees], place),
             joined([tree.counts for tree in trees], place),
             joined([tree.triangles for tree in trees], place),
         )
-        self._faces = joined([tree.faces for tree in trees], place)
-        self._facets = joined([one.facets for one in lit], place)
-        self._corners = joined([one._triangles for one in lit], place)
-        self._corner_normals = joined([one._corner_normals for one in lit], place)
+        self._faces, self._facets, self._corners, self._corner_normals = _resident(
+            joined([tree.faces for tree in trees], place),
+            joined([one.facets for one in lit], place),
+            joined([one._triangles for one in lit], place),
+            joined([one._corner_normals for one in lit], place),
+        )
         grids = [net._grid for net in nets]
         sizes = np.array([(*grid.sizes, *(len(lookup) for lookup in grid.lookups)) for grid in grids])
         sides = [[grid.resolution >> (LEVELS - 1 - level) for level in range(LEVELS)] for grid in grids]
         weights = [net._weights for net in nets]
-        self._grid = (
+        self._grid = _resident(
             _begins(sizes, place),
             upload(np.array(sides), place),
             *(joined([own[f"tables.{level}"] for own in weights], place).float() for level in range(LEVELS)),
@@ -94,7 +123,8 @@ class SightBatch:
         self._alpha2 = _widths(weights, "log_alpha", place)
         self._mirror_alpha2 = _widths(weights, MIRROR_WIDTH, place)
         self._networks = [_Network(own, place) for own in weights]
-        self._mirrors = any(network.mirrors for network in self._networks)
+        self._mirrors = upload(np.array([MIRROR_WIDTH in own for own in weights]), place)
+        self._any_mirrors = any(MIRROR_WIDTH in own for own in weights)
         self._centres = upload(np.array([sight.frame.centre for sight in sights]), place)
         self._scales = upload(np.array([sight.frame.scale for sight in sights]), place)
         self._radiance = upload(np.array([net.radiance_scale for net in nets], dtype=np.float32), place)
@@ -122,10 +152,8 @@ class SightBatch:
         sub_rays
             Rays of a pixel that differs from a neighbour; others have one.
         """
-        rgba = self.render_linear(
-            objects, camera_to_object, lights, resolution, field_of_view_deg, sub_rays=sub_rays
-        )
-        return (_on_white(rgba) * 255.0).round().to(torch.uint8)
+        given = objects, camera_to_object, lights, resolution, field_of_view_deg
+        return self._render(*given, sub_rays, linear=False)
 
     def render_linear(
         self,
@@ -138,6 +166,13 @@ class SightBatch:
         sub_rays: int = 10,
     ) -> Tensor:
         """Render as `render`: (n, h, w, 4) float32 scene-linear premultiplied RGBA."""
+        given = objects, camera_to_object, lights, resolution, field_of_view_deg
+        return self._render(*given, sub_rays, linear=True)
+
+    def _render(
+        self, objects: object, camera_to_object: object, lights: object, resolution: int | tuple[int, int],
+        field_of_view_deg: float, sub_rays: int, *, linear: bool,
+    ) -> Tensor:  # fmt: skip
         count = len(camera_to_object)  # type: ignore[arg-type]
         chosen = object_indices(objects, count, len(self._networks), self.device)
         cameras = numbers("camera_to_object", camera_to_object, (count, 4, 4), self.device).clone()
@@ -145,117 +180,120 @@ class SightBatch:
         cameras[:, :3, 3] = (cameras[:, :3, 3] - self._centres[chosen]) / self._scales[chosen, None]
         lamps = (lamps - self._centres[chosen]) / self._scales[chosen, None]
         size = image_size(resolution)
-        lens = torch.tensor(
-            [focal_length_px(size, field_of_view_deg), size[1], size[0]],
-            dtype=torch.float64,
-            device=self.device,
-        )
+        lens = upload(np.array([focal_length_px(size, field_of_view_deg), size[1], size[0]]), self.device)
         order = torch.argsort(chosen, stable=True)
-        image = torch.zeros((count, *size, 4), dtype=torch.float32, device=self.device)
+        channels, kind = (4, torch.float32) if linear else (3, torch.uint8)
+        image = torch.empty((count, *size, channels), dtype=kind, device=self.device)
         step = max(1, RAYS_AT_ONCE // (size[0] * size[1]))
         for start in range(0, count, step):
             some = order[start : start + step]
             scene = _Scene(chosen[some], cameras[some], lamps[some], _lamp_terms(lamps[some]), lens)
-            image[some] = self._views(scene, size, sub_rays)
+            rgba, shown = self._views(scene, size, sub_rays)
+            values = rgba if linear else (shown * 255.0).round_().to(torch.uint8)
+            image[some] = values.reshape(len(some), *size, channels)
         return image
 
-    def _views(self, scene: "_Scene", size: tuple[int, int], sub_rays: int) -> Tensor:
-        pixels, views = size[0] * size[1], len(scene.objects)
-        every = torch.arange(views * pixels, device=self.device)
-        middle = torch.tensor([[0.5, 0.5]], dtype=torch.float64, device=self.device)
-        rgba = self._along(scene, every // pixels, every % pixels, middle.expand(len(every), 2).contiguous())
-        image = rgba.reshape(views, *size, 4)
-        again = torch.nonzero(_uneven(image).reshape(-1))[:, 0]
-        if sub_rays > 1 and len(again):
+    def _views(self, scene: "_Scene", size: tuple[int, int], sub_rays: int) -> tuple[Tensor, Tensor]:
+        """Return premultiplied RGBA (pixels, 4) and sRGB on white (pixels, 3) of all views, float32."""
+        count = len(scene.objects) * size[0] * size[1]
+        image = tuple(
+            torch.empty((count, channels), dtype=torch.float32, device=self.device) for channels in (4, 3)
+        )
+        middle = torch.full((1, 2), 0.5, dtype=torch.float64, device=self.device)
+        self._along(scene, size, _tiled(count, size, self.device), middle, image)
+        if sub_rays > 1:
+            marked = torch.empty(count, dtype=torch.bool, device=self.device)
+            sight_bodies.uneven(count, scene.lens, np.float32(CONTRAST), image[1], marked)
+            again = torch.nonzero(marked)[:, 0]
             inside = upload(sub_ray_offsets(sub_rays), self.device)
             at_once = max(1, RAYS_AT_ONCE // sub_rays)
             for start in range(0, len(again), at_once):
-                some = again[start : start + at_once]
-                each = some.repeat_interleave(sub_rays)
-                rays = self._along(scene, each // pixels, each % pixels, inside.repeat(len(some), 1))
-                rgba[some] = rays.reshape(len(some), sub_rays, 4).mean(1)
-        return image
+                self._along(scene, size, again[start : start + at_once], inside, image)
+        return image[0], image[1]
 
-    def _along(self, scene: "_Scene", view: Tensor, pixel: Tensor, inside: Tensor) -> Tensor:
-        """Return premultiplied RGBA (n, 4) along rays through places (n, 2) in pixels (n,) of views (n,)."""
-        rgba = torch.zeros((len(view), 4), dtype=torch.float32, device=self.device)
-        direction, barycentric = (
-            torch.empty((len(view), 3), dtype=torch.float64, device=self.device) for _ in range(2)
-        )
-        face = torch.empty(len(view), dtype=torch.int32, device=self.device)
+    def _along(
+        self, scene: "_Scene", size: tuple[int, int], place: Tensor, inside: Tensor, image: tuple[Tensor, ...]
+    ) -> None:
+        """Write the RGBA and sRGB of pixels (n,) by rays through places (m, 2) in each."""
+        count = len(place) * len(inside)
+        colours = torch.zeros((count, 4), dtype=torch.float32, device=self.device)
+        rays = _Rays.empty(count, self.device)
         sight_bodies.cast(
-            len(view), view, pixel, inside, scene.objects, scene.cameras, scene.lens, *self._tree,
-            self._faces, direction, face, barycentric,
+            count, place, inside, scene.objects, scene.cameras, scene.lens, *self._tree, self._faces,
+            *rays.arrays,
         )  # fmt: skip
-        hit = torch.nonzero(face >= 0)[:, 0]
-        if len(hit):
-            points = self._lit(scene, view[hit], face[hit], barycentric[hit], direction[hit])
-            rgba[hit, :3] = self._shaded(scene, points)
-            rgba[hit, 3] = 1.0
-        return rgba
+        hit = rays.hits()
+        # Pixels are in the order of views, views in the order of objects.
+        views = torch.searchsorted(scene.objects, torch.arange(len(self._networks) + 1, device=self.device))
+        starts = torch.searchsorted(place, views * (size[0] * size[1])) * len(inside)
+        self._shade(scene, self._lit(scene, rays, hit), torch.searchsorted(hit, starts), colours)
+        sight_bodies.blend(len(place), place, colours, *image)
 
-    def _lit(
-        self, scene: "_Scene", view: Tensor, face: Tensor, barycentric: Tensor, direction: Tensor
-    ) -> _Points:
-        position, normal = torch.empty_like(direction), torch.empty_like(direction)
-        side, irradiance = torch.empty_like(direction[:, 0]), torch.empty_like(direction[:, 0])
+    def _lit(self, scene: "_Scene", rays: _Rays, ray: Tensor) -> _Points:
+        position, normal = (
+            torch.empty((len(ray), 3), dtype=torch.float64, device=self.device) for _ in range(2)
+        )
+        side, irradiance = (torch.empty(len(ray), dtype=torch.float64, device=self.device) for _ in range(2))
         sight_bodies.light(
-            len(view), view, scene.objects, scene.lights, *self._tree, self._corners, self._corner_normals,
-            self._facets, face, barycentric, direction, position, normal, side, irradiance,
+            len(ray), ray, rays.view, scene.objects, scene.lights, *self._tree, self._corners,
+            self._corner_normals, self._facets, rays.face, rays.barycentric, rays.direction, position, normal,
+            side, irradiance,
         )  # fmt: skip
-        return _Points(view, face, barycentric, direction, position, normal, side, irradiance)
+        return _Points(rays, ray, position, normal, side, irradiance)
 
-    def _inputs(self, scene: "_Scene", points: _Points, alpha2: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what the network is told of points, (terms, n) float32, and lobes (n,) of highlights."""
-        count = len(points.view)
-        inputs = torch.empty((sight_bodies.ROWS, count), dtype=torch.float32, device=self.device)
-        lobe = torch.empty(count, dtype=torch.float32, device=self.device)
+    def _answered(
+        self, scene: "_Scene", points: _Points, starts: Tensor, alpha2: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Return answers (n, ANSWERS) of the networks, their inputs and the lobes (n,) of highlights.
+
+        The points of each object lie between two of `starts` (objects + 1,).
+        """
+        count = len(points.ray)
+        # Each row begins where products in half precision want it, and so does each object.
+        inputs, lobe, answers = (
+            torch.empty(shape, dtype=torch.float32, device=self.device)
+            for shape in ((sight_bodies.ROWS, _eights(count)), (count,), (count, sight_bodies.ANSWERS))
+        )
         sight_bodies.inputs(
-            count, points.view, scene.objects, scene.lights, scene.lamp_terms, *self._grid, alpha2,
-            points.position, points.normal, points.direction, points.irradiance, inputs, lobe,
+            count, points.ray, points.rays.view, scene.objects, scene.lights, scene.lamp_terms, *self._grid,
+            alpha2, points.position, points.normal, points.rays.direction, points.irradiance, inputs, lobe,
         )  # fmt: skip
-        return inputs, lobe
-
-    def _shaded(self, scene: "_Scene", points: _Points) -> Tensor:
-        """Return the colours (n, 3) float32 of points, which are in the order of the objects."""
-        inputs, lobe = self._inputs(scene, points, self._alpha2)
-        thing = scene.objects[points.view]
-        irradiance = points.irradiance.float()
-        colour = torch.empty((3, len(thing)), dtype=torch.float32, device=self.device)
-        met_rows, met, met_inputs, met_lobe = None, points, inputs, lobe
-        if self._mirrors:
-            met_rows, met = self._met(scene, points)
-            met_inputs, met_lobe = self._inputs(scene, met, self._mirror_alpha2)
-        numbers_of = torch.arange(len(self._networks) + 1, device=self.device)
-        starts = torch.searchsorted(thing, numbers_of)
-        met_ends = (starts if met_rows is None else torch.searchsorted(met_rows, starts)).tolist()
         ends = starts.tolist()
-        with full_precision():
-            for index, network in enumerate(self._networks):
-                some = slice(ends[index], ends[index + 1])
-                if some.start == some.stop:
-                    continue
-                answer = network.answer(inputs[:, some])
-                shown = irradiance[some] * answer.reflected(lobe[some]) + answer.albedo * answer.bounced
-                seen = slice(met_ends[index], met_ends[index + 1])
-                if network.mirrors and met_rows is not None and seen.start < seen.stop:
-                    own = met_rows[seen]
-                    again = network.answer(met_inputs[:, seen]).reflected(met_lobe[seen])
-                    again *= met.irradiance[seen].float()
-                    shown[:, own - some.start] += answer.fresnel(_rim(points, own), own - some.start) * again
-                colour[:, some] = shown
-        return colour.T * self._radiance[thing, None]
+        for network, start, end in zip(self._networks, ends, ends[1:], strict=False):
+            if start < end:
+                first = start - start % 8
+                answer = network.answer(inputs[:, first : _eights(end)].to(HALF).T)
+                answers[start:end] = answer[start - first : end - first]
+        return answers, inputs, lobe
 
-    def _met(self, scene: "_Scene", points: _Points) -> tuple[Tensor, _Points]:
-        """Return which of the points (m,) see their object in mirror rays, and what they meet there."""
-        direction, barycentric = torch.empty_like(points.direction), torch.empty_like(points.direction)
-        face = torch.empty_like(points.face)
-        sight_bodies.mirror(
-            len(face), points.view, scene.objects, *self._tree, self._faces, self._facets, points.face,
-            points.position, points.normal, points.side, points.direction, direction, face, barycentric,
+    def _shade(self, scene: "_Scene", points: _Points, starts: Tensor, colours: Tensor) -> None:
+        """Write the colours of rays that meet points, which are in the order of the objects."""
+        answers, inputs, lobe = self._answered(scene, points, starts, self._alpha2)
+        reflected = torch.zeros(
+            (len(points.ray) if self._any_mirrors else 1, 3), dtype=torch.float32, device=self.device
+        )
+        if self._any_mirrors:
+            met = self._met(scene, points)
+            told = self._answered(scene, met, torch.searchsorted(met.ray, starts), self._mirror_alpha2)
+            sight_bodies.reflect(
+                len(met.ray), met.ray, met.rays.view, scene.objects, self._mirrors, *told, met.irradiance,
+                reflected,
+            )  # fmt: skip
+        sight_bodies.colour(
+            len(points.ray), points.ray, points.rays.view, scene.objects, self._mirrors, self._radiance,
+            answers, inputs, lobe, points.irradiance, points.normal, points.rays.direction, reflected,
+            colours,
         )  # fmt: skip
-        row = torch.nonzero(face >= 0)[:, 0]
-        return row, self._lit(scene, points.view[row], face[row], barycentric[row], direction[row])
+
+    def _met(self, scene: "_Scene", points: _Points) -> _Points:
+        """Return what mirror rays meet, of which each point has one."""
+        rays = _Rays.empty(len(points.ray), self.device)
+        sight_bodies.mirror(
+            len(points.ray), points.ray, points.rays.view, scene.objects, *self._tree, self._faces,
+            self._facets, points.rays.face, points.position, points.normal, points.side,
+            points.rays.direction, *rays.arrays,
+        )  # fmt: skip
+        return self._lit(scene, rays, rays.hits())
 
 
 @dataclass(frozen=True)
@@ -269,93 +307,81 @@ class _Scene:
     lens: Tensor
 
 
-@dataclass(frozen=True)
-class _Answer:
-    """What a network says of n points, (3, n) each; `rim` (n,) is that of the light."""
-
-    albedo: Tensor
-    even: Tensor
-    strength: Tensor
-    bounced: Tensor
-    facing: Tensor | None
-    rim: Tensor
-
-    def fresnel(self, rim: Tensor, rows: Tensor | slice = slice(None)) -> Tensor:
-        """Return the share (3, m) that points reflect; `rim` (m,) is (1 - cosine)^5."""
-        assert self.facing is not None
-        facing = self.facing[:, rows]
-        return facing + (1 - facing) * rim
-
-    def reflected(self, lobe: Tensor) -> Tensor:
-        """Return (3, n) pi times the reflectance; `lobe` (n,) is that of the highlight."""
-        if self.facing is None:
-            gloss = functional.softplus(self.strength)
-        else:
-            gloss = self.fresnel(self.rim) * 2 * torch.sigmoid(self.strength)
-        return self.albedo * self.even + gloss * lobe
-
-
 class _Network:
-    """`reflectance.Reflectance` of one object; what takes the inputs themselves is one matrix product."""
+    """`reflectance.Reflectance` of one object in three products of matrices.
+
+    Both perceptrons lie side by side in each. Albedo and mirrors, which have no hidden layers, go through
+    those by their positive and their negative part.
+    """
 
     def __init__(self, weights: Mapping[str, np.ndarray], device: torch.device) -> None:
-        self.mirrors = MIRROR_WIDTH in weights
         features, coarse = sight_bodies.FEATURE_ROWS, sight_bodies.COARSE_ROWS
         terms = np.arange(coarse, coarse + sight_bodies.POINT_ROWS + sight_bodies.LAMP_ROWS)
         of_lamp = terms[LIGHT_INPUTS]
         order = [*np.setdiff1d(terms, of_lamp), *of_lamp]
         direct, bounced = weights["direct.0.weight"], weights["bounced.0.weight"]
-        rows = {"direct.0": len(direct), "bounced.0": len(bounced), "albedo": 3}
-        if self.mirrors:
-            rows["facing"] = 3
-        first = np.zeros((sum(rows.values()), sight_bodies.ROWS), dtype=np.float32)
-        parts = np.split(first, np.cumsum(list(rows.values()))[:-1])
-        parts[0][:, : direct.shape[1]] = direct
-        parts[1][:, :coarse] = bounced[:, :coarse]
-        parts[1][:, features + ANGLES :] = bounced[:, order]
-        parts[2][:, : features + 3] = weights["albedo.weight"]
-        if self.mirrors:
-            parts[3][:, :features] = weights["facing.weight"]
+        both, straight = 2 * WIDTH, 6
+        hidden = both + 2 * straight + 4  # a multiple of 8
+        # (inputs, outputs) of each product, then what it adds.
+        first, second, third = (
+            np.zeros((rows + 1, columns), dtype=np.float32)
+            for rows, columns in (
+                (sight_bodies.ROWS, hidden), (hidden, hidden), (hidden, sight_bodies.ANSWERS)
+            )
+        )  # fmt: skip
+        first[: direct.shape[1], :WIDTH] = direct.T
+        first[:coarse, WIDTH:both] = bounced[:, :coarse].T
+        first[features + ANGLES : sight_bodies.TERMS, WIDTH:both] = bounced[:, order].T
+        first[-1, :both] = np.concatenate([weights[f"{name}.0.bias"] for name in ("direct", "bounced")])
+        positive, negative = both + np.arange(straight), both + straight + np.arange(straight)
+        for index, name in enumerate(("albedo", "facing")):
+            if f"{name}.weight" in weights:
+                own, columns = weights[f"{name}.weight"].T, positive[3 * index : 3 * index + 3]
+                first[: len(own), columns], first[-1, columns] = own, weights[f"{name}.bias"]
+        first[:, negative] = -first[:, positive]
+        rows = slice(0, WIDTH), slice(WIDTH, both)
+        answers = slice(0, sight_bodies.BOUNCED), slice(sight_bodies.BOUNCED, sight_bodies.ALBEDO)
+        for name, some, shown in zip(("direct", "bounced"), rows, answers, strict=True):
+            second[some, some], second[-1, some] = weights[f"{name}.2.weight"].T, weights[f"{name}.2.bias"]
+            third[some, shown], third[-1, shown] = weights[f"{name}.4.weight"].T, weights[f"{name}.4.bias"]
+        both_parts = np.concatenate([positive, negative])
+        second[both_parts, both_parts] = 1
+        columns = sight_bodies.ALBEDO + np.arange(straight)
+        third[positive, columns], third[negative, columns] = 1, -1
+        self._layers = [
+            (upload(layer[-1], device).to(HALF), upload(layer[:-1], device).to(HALF))
+            for layer in (first, second, third)
+        ]
 
-        def single(name: str) -> Tensor:
-            return upload(np.asarray(weights[name], dtype=np.float32), device)
+    def answer(self, inputs: Tensor) -> Tensor:
+        """Return what it says (n, ANSWERS) of points with inputs (n, ROWS)."""
+        first, second, third = self._layers
+        hidden = torch._addmm_activation(first[0], inputs, first[1])
+        return torch.addmm(third[0], torch._addmm_activation(second[0], hidden, second[1]), third[1])
 
-        self._first = upload(first, device), torch.cat([single(f"{name}.bias") for name in rows])
-        self._widths = list(rows.values())
-        self._later = {
-            name: [(single(f"{name}.{layer}.weight"), single(f"{name}.{layer}.bias")) for layer in (2, 4)]
-            for name in ("direct", "bounced")
-        }
 
-    def answer(self, inputs: Tensor) -> _Answer:
-        """Return what it says of points with inputs (terms, n)."""
-        first = functional.linear(inputs.T, *self._first)
-        direct, bounced, albedo, *facing = first.split(self._widths, dim=1)
-        out = self._last("direct", direct.relu_()).T
-        light = self._last("bounced", bounced.relu_()).T
-        return _Answer(
-            torch.sigmoid(albedo.T),
-            2 * torch.sigmoid(out[:3]),
-            out[3:],
-            functional.softplus(light),
-            torch.sigmoid(facing[0].T) if facing else None,
-            inputs[sight_bodies.FEATURE_ROWS + 7],
-        )
+def _resident(*tensors: Tensor) -> tuple[Any, ...]:
+    return tuple(resident(tensor) for tensor in tensors)
 
-    def _last(self, name: str, hidden: Tensor) -> Tensor:
-        second, third = self._later[name]
-        return functional.linear(functional.linear(hidden, *second).relu_(), *third)
+
+def _eights(count: int) -> int:
+    """Return the least multiple of 8 from a count on."""
+    return -(-count // 8) * 8
+
+
+def _tiled(count: int, size: tuple[int, int], device: torch.device) -> Tensor:
+    """Return all pixels of views, tile by tile where the size of a view is a multiple of them."""
+    places = torch.arange(count, device=device)
+    if size[0] % TILE[0] or size[1] % TILE[1]:
+        return places
+    split = places.reshape(-1, size[0] // TILE[0], TILE[0], size[1] // TILE[1], TILE[1])
+    return split.transpose(2, 3).reshape(-1)
 
 
 def _lamp_terms(places: Tensor) -> Tensor:
     """Return the inputs (n, 12) float32 that depend on lamps at (n, 3) alone."""
     waves = [torch.sin(torch.pi * places), torch.cos(torch.pi * places), torch.sin(2 * torch.pi * places)]
     return torch.cat([places, *waves], dim=1).float()
-
-
-def _rim(points: _Points, row: Tensor) -> Tensor:
-    beside = 1 + (points.normal[row] * points.direction[row]).sum(1)
-    return beside.clamp(0.0, 1.0).pow(5).float()
 
 
 def _widths(weights: list[dict[str, np.ndarray]], name: str, device: torch.device) -> Tensor:
@@ -366,24 +392,3 @@ def _widths(weights: list[dict[str, np.ndarray]], name: str, device: torch.devic
 
 def _begins(sizes: np.ndarray, device: torch.device) -> Tensor:
     return upload(np.concatenate([np.zeros_like(sizes[:1]), np.cumsum(sizes, axis=0)]), device)
-
-
-def _on_white(rgba: Tensor) -> Tensor:
-    """`compositing.composite_on_white` on a device, float32."""
-    alpha = rgba[..., 3:].clamp(0.0, 1.0)
-    straight = torch.where(alpha > 0, rgba[..., :3] / alpha.clamp(min=1e-30), 0.0).clamp(0.0, 1.0)
-    curved = 1.055 * straight.clamp(min=SRGB_KNEE).pow(1 / 2.4) - 0.055
-    return alpha * torch.where(straight <= SRGB_KNEE, 12.92 * straight, curved) + (1.0 - alpha)
-
-
-def _uneven(image: Tensor) -> Tensor:
-    """Mark pixels (n, h, w) that differ from a neighbour above, below or beside."""
-    shown = _on_white(image)
-    marked = torch.zeros(shown.shape[:3], dtype=torch.bool, device=image.device)
-    for axis in (1, 2):
-        length = shown.shape[axis]
-        first, second = shown.narrow(axis, 0, length - 1), shown.narrow(axis, 1, length - 1)
-        apart = ((first - second).abs() > CONTRAST).any(-1)
-        marked.narrow(axis, 0, length - 1).logical_or_(apart)
-        marked.narrow(axis, 1, length - 1).logical_or_(apart)
-    return marked

@@ -1,7 +1,8 @@
-"""What rays of many views of several objects meet, what light arrives there, and what the network is told.
+"""What rays of many views of several objects meet, what light arrives there, and the colours that it makes.
 
-Each function computes one ray or one point by the kernels of a single view. `offsets` (objects + 1, 3) says
-where nodes, faces and, at each level, lookups and features of each object begin.
+Each function computes one ray, point or pixel by the kernels of a single view. `offsets` (objects + 1, 3)
+says where nodes, faces and, at each level, lookups and features of each object begin. `ray_of` is the ray
+that meets a point; `view_of`, `face`, `barycentric` and `direction` are those of rays.
 """
 
 # Bodies are compiled for the types they meet.
@@ -12,10 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.batch.targets import Body
+from objectfolder.batch.targets import Body, scalar
 from objectfolder.vision.compiled.bounding_volumes import STACK, _first_hits, _occluded
 from objectfolder.vision.compiled.lighting import _surface_points, _unhindered
-from objectfolder.vision.compiled.network import _incidence, _interpolate, _surroundings
+from objectfolder.vision.compiled.network import (
+    _incidence,
+    _interpolate,
+    _schlick,
+    _sigmoid,
+    _softplus,
+    _surroundings,
+)
+from objectfolder.vision.compositing import SRGB_KNEE
 from objectfolder.vision.network.incidence import LEAST_MIRROR_COSINE, SELF_OFFSET, TERMINATOR_COSINE
 from objectfolder.vision.network.network_layout import ANGLES, COARSE_LEVELS, FEATURES, LEAST_COSINE
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH
@@ -25,23 +34,31 @@ FEATURE_ROWS, COARSE_ROWS = sum(FEATURES), sum(FEATURES[:COARSE_LEVELS])
 # Rows of a point's inputs: features of all levels, angles, the surroundings that depend on the point, and
 # those that depend on the lamp alone.
 POINT_ROWS, LAMP_ROWS = 19, 12
-ROWS = FEATURE_ROWS + ANGLES + POINT_ROWS + LAMP_ROWS
+TERMS = FEATURE_ROWS + ANGLES + POINT_ROWS + LAMP_ROWS
+# Products of 16-bit numbers are fast where there are 8 n of them; the last rows are 0.
+ROWS = -(-TERMS // 8) * 8
+# What the network answers: light that is reflected evenly, strength of the highlight, bounced light, albedo,
+# and what a mirror reflects of light from the front, before they are bounded; three each.
+EVEN, STRENGTH, BOUNCED, ALBEDO, FACING, ANSWERS = 0, 3, 6, 9, 12, 16
 _LEAST_COSINE = np.float32(LEAST_COSINE)
 
 
 def _cast(
-    ray, view_of, place_of, offset_of, objects, cameras, lens, offsets, boxes, children, counts, triangles,
-    faces, direction, face, barycentric, origin, stack, entry, found, where,
+    ray, place_of, inside, objects, cameras, lens, offsets, boxes, children, counts, triangles, faces,
+    view_of, direction, face, barycentric, origin, stack, entry, found, where,
 ):  # fmt: skip
-    """Write the direction of a ray through a pixel, and the face (-1: none) and place that it meets.
+    """Write the view and the direction of a ray, and the face (-1: none) and place that it meets.
 
-    `place_of` is the pixel, row by row, `offset_of` the place in it, and `lens` the focal length, width and
-    height in pixels.
+    `place_of` are pixels, view by view and row by row, `inside` the places in each that have a ray, and
+    `lens` the focal length, width and height in pixels.
     """
-    view, width = view_of[ray], int(lens[1])
-    row, column = place_of[ray] // width, place_of[ray] % width
-    x = (column + offset_of[ray, 0] - lens[1] / 2) / lens[0]
-    y = (lens[2] / 2 - row - offset_of[ray, 1]) / lens[0]
+    rays, width, height = inside.shape[0], int(lens[1]), int(lens[2])
+    place, inner = place_of[ray // rays], ray % rays
+    view, pixel = place // (width * height), place % (width * height)
+    row, column = pixel // width, pixel % width
+    view_of[ray] = view
+    x = (column + inside[inner, 0] - lens[1] / 2) / lens[0]
+    y = (lens[2] / 2 - row - inside[inner, 1]) / lens[0]
     pose, squared = cameras[view], 0.0
     for axis in range(3):
         origin[0, axis] = pose[axis, 3]
@@ -64,24 +81,25 @@ def _cast(
 
 
 def _light(
-    point, view_of, objects, lights, offsets, boxes, children, counts, triangles, corners, corner_normals,
-    facets, face, barycentric, direction, position, normal, side, irradiance,
-    start, wanted, blocked, v, n, stack,
+    point, ray_of, view_of, objects, lights, offsets, boxes, children, counts, triangles, corners,
+    corner_normals, facets, face, barycentric, direction, position, normal, side, irradiance, start, wanted,
+    blocked, v, n, stack,
 ):  # fmt: skip
     """Write where a point is, its normal, and what of the lamp reaches it past the object."""
-    view, here = view_of[point], slice(point, point + 1)
+    ray, here = ray_of[point], slice(point, point + 1)
+    view, there = view_of[ray], slice(ray, ray + 1)
     some, after = offsets[objects[view]], offsets[objects[view] + 1]
     own, normals, flat = (
         corners[some[1] : after[1]], corner_normals[some[1] : after[1]], facets[some[1] : after[1]]
     )  # fmt: skip
     lamp = lights[view : view + 1]
     _surface_points(
-        face[here], barycentric[here], direction[here], own, normals, flat, position[here], normal[here],
+        face[there], barycentric[there], direction[there], own, normals, flat, position[here], normal[here],
         side[here],
     )  # fmt: skip
     irradiance[point] = 0.0
     _unhindered(
-        face[here], barycentric[here], position[here], normal[here], side[here], lamp, own, normals, flat,
+        face[there], barycentric[there], position[here], normal[here], side[here], lamp, own, normals, flat,
         TERMINATOR_COSINE, SELF_OFFSET, irradiance[here], start, v, n,
     )  # fmt: skip
     wanted[0], blocked[0] = irradiance[point] > 0, False
@@ -94,12 +112,13 @@ def _light(
 
 
 def _inputs(
-    point, view_of, objects, lights, lamp_terms, grid_offsets, resolutions, first_table, second_table,
+    point, ray_of, view_of, objects, lights, lamp_terms, grid_offsets, resolutions, first_table, second_table,
     third_table, fourth_table, first_lookup, second_lookup, third_lookup, fourth_lookup, alpha2, position,
     normal, direction, irradiance, inputs, lobe, to_light,
 ):  # fmt: skip
     """Write what the network is told of a point, a column of `inputs`, and the lobe of its highlight."""
-    view = view_of[point]
+    ray = ray_of[point]
+    view = view_of[ray]
     thing = objects[view]
     some, after, sides = grid_offsets[thing], grid_offsets[thing + 1], resolutions[thing]
     x, y, z = position[point, 0], position[point, 1], position[point, 2]
@@ -131,29 +150,35 @@ def _inputs(
     for axis in range(3):
         to_light[axis] /= max(math.sqrt(squared), 1e-9)
     lobe[point] = _incidence(
-        normal[point], direction[point], to_light, alpha2[thing], _LEAST_COSINE, inputs, row, point
+        normal[point], direction[ray], to_light, alpha2[thing], _LEAST_COSINE, inputs, row, point
     )
     _surroundings(
-        position[point], normal[point], direction[point], lights[view], irradiance[point], inputs,
+        position[point], normal[point], direction[ray], lights[view], irradiance[point], inputs,
         row + ANGLES, point,
     )  # fmt: skip
+    row += ANGLES
     for term in range(LAMP_ROWS):
-        inputs[row + ANGLES + POINT_ROWS + term, point] = lamp_terms[view, term]
+        inputs[row + POINT_ROWS + term, point] = lamp_terms[view, term]
+    for term in range(TERMS, ROWS):
+        inputs[term, point] = np.float32(0.0)
 
 
 def _mirror(
-    point, view_of, objects, offsets, boxes, children, counts, triangles, faces, facets, face, position,
-    normal, side, direction, met_direction, met_face, met_barycentric, origin, stack, entry, found, where,
+    point, ray_of, view_of, objects, offsets, boxes, children, counts, triangles, faces, facets, face,
+    position, normal, side, direction, met_view, met_direction, met_face, met_barycentric, origin, stack,
+    entry, found, where,
 ):  # fmt: skip
     """Write what the mirror ray of a point meets, as `incidence.mirror_rays` and `first_hits` do."""
-    thing = objects[view_of[point]]
+    ray = ray_of[point]
+    thing = objects[view_of[ray]]
+    met_view[point] = view_of[ray]
     some, after = offsets[thing], offsets[thing + 1]
-    flat = facets[some[1] + face[point]]
+    flat = facets[some[1] + face[ray]]
     camera, rise, squared = 0.0, 0.0, 0.0
     for axis in range(3):
-        camera -= normal[point, axis] * direction[point, axis]
+        camera -= normal[point, axis] * direction[ray, axis]
     for axis in range(3):
-        value = 2 * camera * normal[point, axis] + direction[point, axis]
+        value = 2 * camera * normal[point, axis] + direction[ray, axis]
         met_direction[point, axis] = value
         rise += side[point] * flat[axis] * value
     for axis in range(3):
@@ -174,6 +199,88 @@ def _mirror(
             met_barycentric[point, corner] = where[0, corner]
 
 
+def _reflected(point, c, answers, facing, fifth, lobe):
+    """Return pi times the reflectance of a point in channel c; `fifth` is (1 - cosine)^5 at the light."""
+    even, strength = 2 * _sigmoid(answers[point, EVEN + c]), answers[point, STRENGTH + c]
+    if facing:
+        gloss = _schlick(answers[point, FACING + c], fifth) * 2 * _sigmoid(strength)
+    else:
+        gloss = _softplus(strength)
+    return _sigmoid(answers[point, ALBEDO + c]) * even + gloss * lobe
+
+
+def _reflect(
+    point, ray_of, view_of, objects, mirrors, answers, inputs, lobe, irradiance, reflected
+):  # fmt: skip
+    """Write what a point reflects of the lamp to the mirror that its ray left, (points, 3)."""
+    ray = ray_of[point]
+    if mirrors[objects[view_of[ray]]]:
+        fifth, light = inputs[FEATURE_ROWS + 7, point], np.float32(irradiance[point])
+        for c in range(3):
+            reflected[ray, c] = light * _scalar_reflected(point, c, answers, True, fifth, lobe[point])
+
+
+def _colour(
+    point, ray_of, view_of, objects, mirrors, radiance, answers, inputs, lobe, irradiance, normal, direction,
+    reflected, colours,
+):  # fmt: skip
+    """Write the RGBA of the ray that meets a point; `reflected` (points, 3) matters to mirrors."""
+    ray = ray_of[point]
+    thing = objects[view_of[ray]]
+    facing, light = mirrors[thing], np.float32(irradiance[point])
+    fifth, rim = inputs[FEATURE_ROWS + 7, point], np.float32(0.0)
+    if facing:
+        beside = 1.0
+        for axis in range(3):
+            beside += normal[point, axis] * direction[ray, axis]
+        beside = min(max(beside, 0.0), 1.0)
+        rim = np.float32(beside * beside * beside * beside * beside)
+    for c in range(3):
+        value = light * _scalar_reflected(point, c, answers, facing, fifth, lobe[point])
+        value += _sigmoid(answers[point, ALBEDO + c]) * _softplus(answers[point, BOUNCED + c])
+        if facing:
+            value += _schlick(answers[point, FACING + c], rim) * reflected[point, c]
+        colours[ray, c] = value * radiance[thing]
+    colours[ray, 3] = np.float32(1.0)
+
+
+def _blend(number, place_of, colours, rgba, shown):
+    """Write the mean RGBA of the rays of a pixel, and its `compositing.composite_on_white`."""
+    place, rays = place_of[number], colours.shape[0] // place_of.shape[0]
+    one, zero, knee = np.float32(1.0), np.float32(0.0), np.float32(SRGB_KNEE)
+    for c in range(4):
+        total = zero
+        for ray in range(number * rays, (number + 1) * rays):
+            total += colours[ray, c]
+        rgba[place, c] = total / np.float32(rays)
+    alpha = rgba[place, 3]
+    for c in range(3):
+        straight = min(max(rgba[place, c] / max(alpha, np.float32(1e-30)), zero), one)
+        if straight <= knee:
+            curved = np.float32(12.92) * straight
+        else:
+            curved = np.float32(1.055) * straight ** np.float32(1 / 2.4) - np.float32(0.055)
+        shown[place, c] = alpha * curved + (one - alpha)
+
+
+def _uneven(place, lens, contrast, shown, marked):
+    """Mark a pixel that differs from a neighbour above, below or beside."""
+    width, height = int(lens[1]), int(lens[2])
+    row, column = place // width % height, place % width
+    differs = False
+    for c in range(3):
+        value = shown[place, c]
+        if column > 0 and abs(value - shown[place - 1, c]) > contrast:
+            differs = True
+        if column < width - 1 and abs(value - shown[place + 1, c]) > contrast:
+            differs = True
+        if row > 0 and abs(value - shown[place - width, c]) > contrast:
+            differs = True
+        if row < height - 1 and abs(value - shown[place + width, c]) > contrast:
+            differs = True
+    marked[place] = differs
+
+
 _TRACE: dict[str, Any] = {
     "origin": ((1, 3), np.float64),
     "stack": ((STACK,), np.int32),
@@ -188,3 +295,8 @@ light = Body(
     v=((3, 3), np.float64), n=((3, 3), np.float64), stack=((STACK,), np.int32),
 )  # fmt: skip
 inputs = Body(_inputs, to_light=((3,), np.float64))
+_scalar_reflected = scalar(_reflected)
+reflect = Body(_reflect)
+colour = Body(_colour)
+blend = Body(_blend)
+uneven = Body(_uneven)

@@ -129,7 +129,12 @@ class Body:
 
     def launch(self, rows: int, columns: int, arguments: Sequence[Any], stream: int) -> None:
         """Launch the kernel on a stream of CUDA's, by its handle; 0 is the default one."""
-        queue = cuda_module().external_stream(stream) if stream else 0
+        cuda = cuda_module()
+        queue = cuda.external_stream(stream) if stream else 0
+        # numba-cuda would do so twice: for the type of each, and for its address.
+        arguments = [
+            cuda.as_cuda_array(part, sync=False) if isinstance(part, Tensor) else part for part in arguments
+        ]
         for start in range(0, rows, MOST_ROWS):
             some = min(MOST_ROWS, rows - start)
             self.on_gpu[(-(-columns // BLOCK), some), BLOCK, queue](start, some, columns, *arguments)
@@ -151,6 +156,11 @@ def cuda_module() -> Any:
         if absent:
             delattr(np, "row_stack")
     return cuda
+
+
+def resident(tensor: Tensor) -> Any:
+    """Return a tensor as kernels take it with the least delay, for what they are given again and again."""
+    return tensor if tensor.device.type == "cpu" else cuda_module().as_cuda_array(tensor, sync=False)
 
 
 def checked_device(device: str | torch.device) -> torch.device:

@@ -113,11 +113,15 @@ def test_strikes_equal_single_ones_to_a_millionth_of_their_peaks(files):
 
 def test_views_are_those_of_single_queries(files):
     views = [file.sample_views(1, seed=1, lit=True) for file in files]
+    camera, light = views[0]
+    views.append((camera, 1e5 * light))  # a lamp beyond the range of float16
     cameras, lights = (np.concatenate(parts[::-1]) for parts in zip(*views, strict=True))
-    images = Batch(files, "cpu").sight.render([1, 0], cameras, lights, 96).numpy()
-    for image, file, view in zip(images, files[::-1], views[::-1], strict=True):
+    sight = Batch(files, "cpu").sight
+    images = sight.render([0, 1, 0], cameras, lights, 96)
+    for image, file, view in zip(images.numpy(), [files[0], *files[::-1]], views[::-1], strict=True):
         error = ((image.astype(float) - file.render(*view, 96)[0]) ** 2).mean()
         assert 10 * np.log10(255**2 / error) >= 42
+    assert (sight.render([0, 1, 0], cameras, lights, 96) == images).all()
 
 
 def test_two_fingers_in_eight_worlds_feel_their_objects_wherever_the_worlds_put_them(files):

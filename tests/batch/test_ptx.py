@@ -68,7 +68,7 @@ def test_all_kernels_compile_for_a_card_that_is_not_there(kernels, monkeypatch):
     cuda = toolkit()
     assert {body.name for body in kernels} == {
         "locate", "find", "stand", "advance", "penetrate", "count", "project", "pixel", "cast", "light",
-        "inputs", "mirror",
+        "inputs", "mirror", "reflect", "colour", "blend", "uneven",
     }  # fmt: skip
     for body, types in kernels.items():
         assert ".target sm_90" in ptx(cuda, monkeypatch, body, types, (9, 0), False), body.name
