@@ -50,8 +50,9 @@ def pytest_configure(config: pytest.Config) -> None:
     """Import DVC: it logs to the stream that it finds then, and that of a test's own is closed after it."""
     importlib.import_module("dvc.logger")
     cpu_seconds.register(config, config.getoption("--cpu-seconds"))
-    half = config.stash[RELEASE_HALF] = release_half.register(config, config.getoption("--release"))
-    drawn_examples.load_profile(many="" in half.chosen)
+    release = config.getoption("--release")
+    config.stash[RELEASE_HALF] = release_half.register(config, release)
+    drawn_examples.load_profile(many=release == "all")
 
 
 def pytest_collection_finish() -> None:

@@ -1,4 +1,4 @@
-"""How many examples hypothesis draws: 20 a test, and 200 for a release; never a limit of wall time.
+"""How many examples hypothesis draws: 20 a test, and 200 with ``--release all``; never a limit of wall time.
 
 The same code draws the same examples; to look for others, ``HYPOTHESIS_PROFILE=search``.
 """
@@ -22,5 +22,5 @@ def load_profile(many: bool) -> None:
 
 
 def few_examples(count: int) -> settings:
-    """Draw `count` examples where others draw `EXAMPLES`, and in proportion for a release: each is dear."""
+    """Draw `count` examples where others draw `EXAMPLES`, ten times as many for a release: each is dear."""
     return settings(max_examples=count * settings().max_examples // EXAMPLES)
