@@ -35,23 +35,23 @@ class Run:
         self.torch, self.on_cpu = torch, on_cpu
         self.device = "cpu" if on_cpu else "cuda"
         self.batches = (1, 8) if on_cpu else BATCHES
-        self.found: dict[str, Any] = {}
+        self.figures: dict[str, Any] = {}
 
     def part(self, name: str, work: Callable[["Run"], Any]) -> None:
         begin = time.monotonic()
         if begin - STARTED > LIMIT_S and not self.on_cpu:
-            self.found[name] = {"error": "no time was left"}
+            self.figures[name] = {"error": "no time was left"}
         else:
             try:
-                self.found[name] = work(self)
+                self.figures[name] = work(self)
             except Exception as error:  # whatever it is, the other parts are measured
                 where = traceback.format_exc().splitlines()[-12:]
-                self.found[name] = {"error": f"{type(error).__name__}: {error}"[:2000], "where": where}
-        if isinstance(self.found[name], dict):
-            self.found[name]["wall_s"] = round(time.monotonic() - begin, 2)
-        print(name, json.dumps(self.found[name]), flush=True)
+                self.figures[name] = {"error": f"{type(error).__name__}: {error}"[:2000], "where": where}
+        if isinstance(self.figures[name], dict):
+            self.figures[name]["wall_s"] = round(time.monotonic() - begin, 2)
+        print(name, json.dumps(self.figures[name]), flush=True)
         RESULTS.parent.mkdir(parents=True, exist_ok=True)
-        RESULTS.write_text(json.dumps(content(self.found), indent=1) + "\n", encoding="utf-8")
+        RESULTS.write_text(json.dumps(content(self.figures), indent=1) + "\n", encoding="utf-8")
 
     def seconds(self, work: Callable[[], Any], repeats: int = REPEATS) -> float:
         """Median seconds of some work after a first time, by events of the device."""
@@ -74,14 +74,14 @@ class Run:
         return 0.0 if self.on_cpu else round(self.torch.cuda.max_memory_allocated() / 2**30, 3)
 
 
-def content(found: dict[str, Any]) -> dict[str, Any]:
+def content(figures: dict[str, Any]) -> dict[str, Any]:
     """Results in the form of `bench.record`, of which the host of a card needs nothing."""
     return {
         "name": "gpu",
         "compared": "objectfolder.batch on a device against single queries on the CPU beside it; throughput",
-        "figures": {name: figures for name, figures in found.items() if name != "versions"},
+        "figures": {name: part for name, part in figures.items() if name != "versions"},
         "settings": {"objects": ["mug", "bell"], "image_px": [160, 120], "view_px": 128, "repeats": REPEATS},
-        "versions": found.get("versions", {}),
+        "versions": figures.get("versions", {}),
     }
 
 
@@ -90,7 +90,7 @@ def versions(run: Run) -> dict[str, Any]:
     import scipy
 
     warnings.simplefilter("ignore")  # that small batches do not fill a card
-    found = {
+    figures = {
         "python": sys.version.split()[0],
         "numpy": np.__version__,
         "scipy": scipy.__version__,
@@ -101,19 +101,19 @@ def versions(run: Run) -> dict[str, Any]:
     try:
         import numba_cuda
 
-        found["numba_cuda"] = numba_cuda.__version__
+        figures["numba_cuda"] = numba_cuda.__version__
     except ImportError as error:
-        found["numba_cuda"] = str(error)
+        figures["numba_cuda"] = str(error)
     if run.on_cpu:
-        return {**found, "card": "none: a CPU"}
+        return {**figures, "card": "none: a CPU"}
     asked = ["nvidia-smi", "--query-gpu=name,driver_version,memory.total,clocks.sm", "--format=csv,noheader"]
-    found["nvidia_smi"] = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
-    found["card"] = run.torch.cuda.get_device_name(0)
+    figures["nvidia_smi"] = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
+    figures["card"] = run.torch.cuda.get_device_name(0)
     from numba import cuda
 
-    found["numba_cuda_module"] = Path(cuda.__file__).parent.as_posix().rpartition("site-packages/")[2]
-    found["compute_capability"] = list(cuda.get_current_device().compute_capability)
-    return found
+    figures["numba_cuda_module"] = Path(cuda.__file__).parent.as_posix().rpartition("site-packages/")[2]
+    figures["compute_capability"] = list(cuda.get_current_device().compute_capability)
+    return figures
 
 
 def objects() -> list[Any]:
@@ -212,7 +212,7 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
     from objectfolder.batch import sight
     from objectfolder.batch.targets import Body
 
-    found: dict[str, float] = {}
+    figures: dict[str, float] = {}
 
     def timed(name: str, plain: Callable[..., Any], *arguments: Any) -> Any:
         if not run.on_cpu:
@@ -221,7 +221,7 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
         answer = plain(*arguments)
         if not run.on_cpu:
             run.torch.cuda.synchronize()
-        found[name] = round(found.get(name, 0.0) + 1e3 * (time.perf_counter() - begin), 3)
+        figures[name] = round(figures.get(name, 0.0) + 1e3 * (time.perf_counter() - begin), 3)
         return answer
 
     call = Body.__call__
@@ -237,7 +237,7 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
         Body.__call__ = call  # type: ignore[method-assign]
         for name, part in parts.items():
             setattr(*part, plain[name])
-    return found
+    return figures
 
 
 def touch_stages(run: Run) -> dict[str, Any]:
@@ -266,7 +266,7 @@ def sight_stages(run: Run) -> dict[str, Any]:
     cameras, lights = file.sample_views(count, seed=5, lit=True)
     true = file.render(cameras[:8], lights[:8], 128)
     given = [torch.as_tensor(part, device=run.device) for part in (cameras, lights)]
-    found: dict[str, Any] = {"views": count}
+    figures: dict[str, Any] = {"views": count}
     for label, rays, where, name, value in (
         ("plain", 10, sight, "HALF", sight.HALF),
         ("8_rays", 8, sight, "HALF", sight.HALF),
@@ -282,16 +282,16 @@ def sight_stages(run: Run) -> dict[str, Any]:
         torch.set_float32_matmul_precision("high" if label == "tf32" else "highest")
         try:
             batch = Batch([file], run.device).sight
-            found[label] = stages(run, lambda: batch.render(0, *given, 128, sub_rays=rays))  # noqa: B023
+            figures[label] = stages(run, lambda: batch.render(0, *given, 128, sub_rays=rays))  # noqa: B023
             taken = run.seconds(lambda: batch.render(0, *given, 128, sub_rays=rays), 5)  # noqa: B023
             image = batch.render(0, given[0][:8], given[1][:8], 128, sub_rays=rays)
         finally:
             setattr(where, name, before)
-        found[label]["views_per_s"] = round(count / taken, 1)
+        figures[label]["views_per_s"] = round(count / taken, 1)
         error = ((image.cpu().numpy().astype(float) - true[: len(image)]) ** 2).mean(axis=(1, 2, 3))
-        found[label]["psnr_db_least"] = float(10 * np.log10(255**2 / error.max()))
+        figures[label]["psnr_db_least"] = float(10 * np.log10(255**2 / error.max()))
     torch.set_float32_matmul_precision("highest")
-    return found
+    return figures
 
 
 def sound(run: Run) -> dict[str, Any]:
@@ -310,8 +310,8 @@ def sound(run: Run) -> dict[str, Any]:
         rows = which == index
         true = np.asarray(file.strike(points[rows], impulses[rows], 1.0))
         worst = max(worst, float((np.abs(got[rows] - true).max(1) / np.abs(true).max(1)).max()))
-    found: dict[str, Any] = {"error_over_peak": worst, "strikes": len(which)}
-    found["modes"] = [len(file.modes.eigenvalues) for file in files]
+    figures: dict[str, Any] = {"error_over_peak": worst, "strikes": len(which)}
+    figures["modes"] = [len(file.modes.eigenvalues) for file in files]
     for count in run.batches:
         which, points, _ = touches(min(count, 4096), files)
         reps = -(-count // len(which))
@@ -321,9 +321,9 @@ def sound(run: Run) -> dict[str, Any]:
         pushes = run.torch.ones_like(at[1])
         out = run.torch.empty((count, 44100), dtype=run.torch.float32, device=run.device)
         taken = run.seconds(lambda: batch.strike(*at, pushes, 1.0, out=out), 5)  # noqa: B023
-        found[f"strikes_per_s_{count}"] = round(count / taken, 1)
-    found["peak_gib"] = run.peak_gib()
-    return found
+        figures[f"strikes_per_s_{count}"] = round(count / taken, 1)
+    figures["peak_gib"] = run.peak_gib()
+    return figures
 
 
 def hundred_modes(run: Run) -> dict[str, Any]:
@@ -358,7 +358,7 @@ def sight_equality(run: Run) -> dict[str, Any]:
 
     files, count = objects(), 2 if run.on_cpu else 8
     batch = Batch(files, run.device).sight
-    found: dict[str, Any] = {"views": 2 * count}
+    figures: dict[str, Any] = {"views": 2 * count}
     views = [file.sample_views(count, seed=1, lit=True) for file in files]
     which = np.repeat([0, 1], count)
     cameras, lights = (np.concatenate(parts) for parts in zip(*views, strict=True))
@@ -368,9 +368,9 @@ def sight_equality(run: Run) -> dict[str, Any]:
         again = batch.render(which, cameras, lights, 128, sub_rays=rays)
         error = ((image.cpu().numpy().astype(float) - true) ** 2).mean(axis=(1, 2, 3))
         psnr = 10 * np.log10(255**2 / error)
-        found[f"psnr_db_{rays}_rays"] = {"least": float(psnr.min()), "mean": float(psnr.mean())}
-        found[f"same_bytes_twice_{rays}_rays"] = bool((image == again).all())
-    return found
+        figures[f"psnr_db_{rays}_rays"] = {"least": float(psnr.min()), "mean": float(psnr.mean())}
+        figures[f"same_bytes_twice_{rays}_rays"] = bool((image == again).all())
+    return figures
 
 
 def sight_speed(run: Run) -> dict[str, Any]:
@@ -378,7 +378,7 @@ def sight_speed(run: Run) -> dict[str, Any]:
     from objectfolder.batch import Batch
 
     files = objects()
-    found: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     for label, chosen in (("mug", files[:1]), ("bell", files[1:]), ("both", files)):
         batch = Batch(chosen, run.device).sight
         for count in (1, 4) if run.on_cpu else (1, 256, 1024, 4096):
@@ -393,9 +393,9 @@ def sight_speed(run: Run) -> dict[str, Any]:
             given = [place(part, device=run.device) for part in (which, cameras, lights)]
             for rays in (10, 16):
                 taken = run.seconds(lambda: batch.render(*given, 128, sub_rays=rays), 3)  # noqa: B023
-                found[f"{label}_{count}_{rays}_rays_per_s"] = round(count / taken, 1)
-    found["peak_gib"] = run.peak_gib()
-    return found
+                figures[f"{label}_{count}_{rays}_rays_per_s"] = round(count / taken, 1)
+    figures["peak_gib"] = run.peak_gib()
+    return figures
 
 
 def hundred_objects(run: Run) -> dict[str, Any]:

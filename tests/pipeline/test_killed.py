@@ -17,7 +17,7 @@ from pipeline.dataset import products
 
 @pytest.fixture(scope="module")
 def ground(tmp_path_factory):
-    """A data set of so many objects, and the digests of what an undisturbed run makes of it."""
+    """A function of a number of objects: their data set, and digests of what an undisturbed run makes."""
 
     def contents(objects: int) -> dict[str, str]:
         return {f"object_{index:02}": f"{index}.5" for index in range(objects)}
@@ -26,11 +26,11 @@ def ground(tmp_path_factory):
     def expected(objects: int) -> dict[str, str]:
         return undisturbed(Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", contents(objects)))
 
-    def made(objects: int) -> tuple[Ground, dict[str, str]]:
+    def data_set(objects: int) -> tuple[Ground, dict[str, str]]:
         root = tmp_path_factory.mktemp("disturbed") / "data_set"
         return Ground(root, contents(objects)), expected(objects)
 
-    return made
+    return data_set
 
 
 RELEASE = pytest.mark.release("pipeline.run", "pipeline.cluster", "pipeline.sandbox")
