@@ -30,9 +30,9 @@ CPU_FEATURES = (
 )
 
 # CPU seconds on a processor of 2020. A busy machine takes longer.
-ONCE = "10 to 20 s for each sense, once for this installation"
+ONCE = "15 to 25 s for each sense, once for this installation"
 EACH_TIME = (
-    "10 to 20 s for each sense, in every process: neither the folder of this package nor the user's cache "
+    "15 to 25 s for each sense, in every process: neither the folder of this package nor the user's cache "
     "folder can be written. Set NUMBA_CACHE_DIR to a folder that can be."
 )
 _logger = logging.getLogger(__name__)

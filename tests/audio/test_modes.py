@@ -109,6 +109,22 @@ def test_an_accuracy_that_is_not_reached_is_said(bar: Product) -> None:
     assert coarse.attributes["warnings"]
 
 
+@pytest.mark.parametrize("order", [2, 6])
+def test_an_order_whose_error_is_not_estimated_is_refused(order: int) -> None:
+    solid = box((2, 1, 1), CELLS_BAR_M)
+    with pytest.raises(ValueError, match=f"highest order {order}: .* 3 to 5"):
+        modes_of_solid(
+            surface_of(solid),
+            solid,
+            material(),
+            training_points=8,
+            held_out_points=8,
+            seed=0,
+            highest_order=order,
+            time_limit_s=0.0,  # refused before anything is solved
+        )
+
+
 @pytest.mark.slow
 def test_what_does_not_ring_is_kept_and_counted(bar: Product) -> None:
     creeping = bar_of_cells(rayleigh_beta_s=3e-5)

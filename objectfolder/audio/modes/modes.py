@@ -36,6 +36,8 @@ NO_TRANSFER, MULTIPOLE = "none", "multipole"
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 256
 # How far a mode may be off, and what may be spent on it, unless others are asked for.
 ACCURACY_CENTS, HIGHEST_ORDER, MAX_UNKNOWNS = 5.0, 5, 180_000
+# The error is estimated by comparing with a lower order, of which 2 is the lowest.
+ORDERS = range(3, HIGHEST_ORDER + 1)
 TIME_LIMIT_S, MEMORY_LIMIT_GB = 600.0, 3.0
 OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface are warned of
 
@@ -80,6 +82,8 @@ def simulate_modes(
 
     Raises
     ------
+    ValueError
+        `highest_order` is none of 3, 4 and 5.
     SimulationError
         No solid came of the surface, or the modes found fail the count.
 
@@ -93,6 +97,7 @@ def simulate_modes(
     >>> [round(float(hertz), -1) for hertz in modes["frequencies_hz"]]  # a slender beam: 2790
     [2750.0]
     """
+    _check_order(highest_order)
     started = _cpu_seconds()
     surface = Surface(surface.vertices, surface.faces)  # normals of a source are made to be seen by
     waves = waves_of(material, max_frequency_hz, max_modes)
@@ -164,11 +169,14 @@ def modes_of_solid(
 
     Raises
     ------
+    ValueError
+        `highest_order` is none of 3, 4 and 5.
     UnsolvableError
         It takes more memory, or more than `max_unknowns` of order 2, on any machine.
     SimulationError
         It takes more than `time_limit_s`.
     """
+    _check_order(highest_order)
     started = _cpu_seconds()
     units = _Units.of(solid, material)
     space, bent = space_on(solid, highest_order, units.length_m, bend=True)
@@ -196,6 +204,14 @@ def modes_of_solid(
         seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": air - read})
         seconds["air"] = _cpu_seconds() - air
     return Product(arrays, attributes)
+
+
+def _check_order(highest_order: int) -> None:
+    if highest_order not in ORDERS:
+        raise ValueError(
+            f"highest order {highest_order}: an error is estimated with orders {ORDERS[0]} to {ORDERS[-1]}; "
+            f"ask for one of them, or for none"
+        )
 
 
 @dataclass(frozen=True)
