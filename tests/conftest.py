@@ -36,6 +36,8 @@ REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()
 MADE_BEFORE = 8  # what one name was made of that stays in the cache: branches, kernels of a processor
 RELEASE_HALF = pytest.StashKey[release_half.ReleaseHalf]()
+# Looked for once a process: without it, each factorisation searches the whole environment for MKL.
+PLACE_OF_MKL = "PYPARDISO_MKL_RT"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -144,7 +146,7 @@ def _environment_restored() -> Iterator[None]:
     """Leave no variable behind: commands called in the process of the tests set some for what they start."""
     before = dict(os.environ)
     yield
-    for name in os.environ.keys() - before.keys():
+    for name in os.environ.keys() - before.keys() - {PLACE_OF_MKL}:
         del os.environ[name]
     os.environ.update(before)
 
