@@ -71,11 +71,11 @@ def numbers(name: str, value: object, shape: tuple[int, ...], device: torch.devi
     QueryError
         Values that cannot be repeated to this shape.
     """
-    given = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value, dtype=np.float64))
+    values = value if isinstance(value, Tensor) else torch.as_tensor(np.asarray(value, dtype=np.float64))
     try:
-        return given.to(device, torch.float64).expand(shape).contiguous()
+        return values.to(device, torch.float64).expand(shape).contiguous()
     except RuntimeError as error:
-        finding = f"shape {tuple(given.shape)}"
+        finding = f"shape {tuple(values.shape)}"
         raise QueryError(name, finding, f"Give {shape}, or what repeats to it.") from error
 
 
@@ -88,10 +88,10 @@ def object_indices(objects: object, count: int, most: int, device: torch.device)
         Another shape, or no object of a batch of `most`. Those on a GPU are checked there, at the cost of
         waiting for it.
     """
-    given = objects if isinstance(objects, Tensor) else torch.as_tensor(np.asarray(objects))
-    if given.is_floating_point() or given.ndim > 1 or (given.ndim == 1 and len(given) not in (1, count)):
-        raise QueryError("objects", f"{given.dtype} {tuple(given.shape)}", f"Give ({count},) whole numbers.")
-    chosen = given.to(device, torch.int64).expand(count).contiguous()
+    index = objects if isinstance(objects, Tensor) else torch.as_tensor(np.asarray(objects))
+    if index.is_floating_point() or index.ndim > 1 or (index.ndim == 1 and len(index) not in (1, count)):
+        raise QueryError("objects", f"{index.dtype} {tuple(index.shape)}", f"Give ({count},) whole numbers.")
+    chosen = index.to(device, torch.int64).expand(count).contiguous()
     if count and (int(chosen.min()) < 0 or int(chosen.max()) >= most):
         raise QueryError("objects", "an index out of range", f"Give 0 to {most - 1}.")
     return chosen

@@ -152,8 +152,8 @@ class SightBatch:
         sub_rays
             Rays of a pixel that differs from a neighbour; others have one.
         """
-        given = objects, camera_to_object, lights, resolution, field_of_view_deg
-        return self._render(*given, sub_rays, linear=False)
+        views = objects, camera_to_object, lights, resolution, field_of_view_deg
+        return self._render(*views, sub_rays, linear=False)
 
     def render_linear(
         self,
@@ -166,8 +166,8 @@ class SightBatch:
         sub_rays: int = 10,
     ) -> Tensor:
         """Render as `render`: (n, h, w, 4) float32 scene-linear premultiplied RGBA."""
-        given = objects, camera_to_object, lights, resolution, field_of_view_deg
-        return self._render(*given, sub_rays, linear=True)
+        views = objects, camera_to_object, lights, resolution, field_of_view_deg
+        return self._render(*views, sub_rays, linear=True)
 
     def _render(
         self, objects: object, camera_to_object: object, lights: object, resolution: int | tuple[int, int],
@@ -274,9 +274,9 @@ class SightBatch:
         )
         if self._any_mirrors:
             met = self._met(scene, points)
-            told = self._answered(scene, met, torch.searchsorted(met.ray, starts), self._mirror_alpha2)
+            mirrored = self._answered(scene, met, torch.searchsorted(met.ray, starts), self._mirror_alpha2)
             sight_bodies.reflect(
-                len(met.ray), met.ray, met.rays.view, scene.objects, self._mirrors, *told, met.irradiance,
+                len(met.ray), met.ray, met.rays.view, scene.objects, self._mirrors, *mirrored, met.irradiance,
                 reflected,
             )  # fmt: skip
         sight_bodies.colour(

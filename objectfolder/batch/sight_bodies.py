@@ -82,7 +82,7 @@ def _cast(
 
 def _light(
     point, ray_of, view_of, objects, lights, offsets, boxes, children, counts, triangles, corners,
-    corner_normals, facets, face, barycentric, direction, position, normal, side, irradiance, start, wanted,
+    corner_normals, facets, face, barycentric, direction, position, normal, side, irradiance, start, lit,
     blocked, v, n, stack,
 ):  # fmt: skip
     """Write where a point is, its normal, and what of the lamp reaches it past the object."""
@@ -102,10 +102,10 @@ def _light(
         face[there], barycentric[there], position[here], normal[here], side[here], lamp, own, normals, flat,
         TERMINATOR_COSINE, SELF_OFFSET, irradiance[here], start, v, n,
     )  # fmt: skip
-    wanted[0], blocked[0] = irradiance[point] > 0, False
+    lit[0], blocked[0] = irradiance[point] > 0, False
     _occluded(
         boxes[some[0] : after[0]], children[some[0] : after[0]], counts[some[0] : after[0]],
-        triangles[some[1] : after[1]], start, lamp, wanted, stack, blocked,
+        triangles[some[1] : after[1]], start, lamp, lit, stack, blocked,
     )  # fmt: skip
     if blocked[0]:
         irradiance[point] = 0.0
@@ -116,7 +116,7 @@ def _inputs(
     third_table, fourth_table, first_lookup, second_lookup, third_lookup, fourth_lookup, alpha2, position,
     normal, direction, irradiance, inputs, lobe, to_light,
 ):  # fmt: skip
-    """Write what the network is told of a point, a column of `inputs`, and the lobe of its highlight."""
+    """Write the network's inputs of a point, a column of `inputs`, and the lobe of its highlight."""
     ray = ray_of[point]
     view = view_of[ray]
     thing = objects[view]
@@ -291,7 +291,7 @@ _TRACE: dict[str, Any] = {
 cast = Body(_cast, 1, **_TRACE)
 mirror = Body(_mirror, 1, **_TRACE)
 light = Body(
-    _light, start=((1, 3), np.float64), wanted=((1,), np.bool_), blocked=((1,), np.bool_),
+    _light, start=((1, 3), np.float64), lit=((1,), np.bool_), blocked=((1,), np.bool_),
     v=((3, 3), np.float64), n=((3, 3), np.float64), stack=((STACK,), np.int32),
 )  # fmt: skip
 inputs = Body(_inputs, to_light=((3,), np.float64))

@@ -233,7 +233,7 @@ class TouchBatch:
 
 
 def _starts(counts: Tensor) -> Tensor:
-    """Return where the lists of so many members each begin, and where the last ends, (n + 1,)."""
+    """Return where each of n lists begins in their concatenation, and where the last ends, (n + 1,)."""
     return torch.cat([torch.zeros_like(counts[:1]), torch.cumsum(counts, 0)])
 
 

@@ -9,7 +9,7 @@ from objectfolder.plugins import EXPORTS, Plugin, find_plugin, plugin_names
 from objectfolder.vision.export.files import new_folder
 from pipeline.publish.export.assets import ALL_FORMATS, all_objects, write_assets
 from pipeline.publish.export.exports import write_export
-from pipeline.publish.export.found_products import find_products
+from pipeline.publish.export.object_products import find_products
 from pipeline.publish.export.summaries import ExportSummary
 from pipeline.publish.queries.requests import Exporting
 
@@ -23,7 +23,7 @@ def known_formats() -> list[str]:
 
 
 def write_exports(
-    names: Sequence[str], root: Path, wanted: Exporting, output: Path
+    names: Sequence[str], root: Path, options: Exporting, output: Path
 ) -> Iterator[ExportSummary]:
     """Write objects in a known format, into `output`, or of several into a folder each there.
 
@@ -39,29 +39,31 @@ def write_exports(
     InputError
         No such object; a plugin that does not do its part.
     """
-    plugin = find_plugin(EXPORTS, wanted.format, OWN)
-    if wanted.format in OF_SIMULATORS:
-        yield from write_assets(names or all_objects(root), root, wanted, output)
+    plugin = find_plugin(EXPORTS, options.format, OWN)
+    if options.format in OF_SIMULATORS:
+        yield from write_assets(names or all_objects(root), root, options, output)
     elif plugin is None:
-        yield write_export(find_products(names[0], root), wanted, output)
+        yield write_export(find_products(names[0], root), options, output)
     else:
-        yield _write_by(plugin, names[0], root, wanted, output)
+        yield _write_by(plugin, names[0], root, options, output)
 
 
-def _write_by(plugin: Plugin, name: str, root: Path, wanted: Exporting, output: Path) -> ExportSummary:
-    found = find_products(name, root)
-    if found.object_file is None:
-        raise InputError(found.object_id, "has no Object File, and a plugin writes one", "Make or name one.")
-    with new_folder(output, overwrite=wanted.overwrite) as folder:
-        described = plugin.part(folder, objectfolder.load(found.object_file))
+def _write_by(plugin: Plugin, name: str, root: Path, options: Exporting, output: Path) -> ExportSummary:
+    products = find_products(name, root)
+    if products.object_file is None:
+        raise InputError(
+            products.object_id, "has no Object File, and a plugin writes one", "Make or name one."
+        )
+    with new_folder(output, overwrite=options.overwrite) as folder:
+        described = plugin.part(folder, objectfolder.load(products.object_file))
         if not isinstance(described, Mapping):
             finding = f"returns a value of type {type(described).__name__}"
             raise plugin.error(finding, "It must return a dict, for export.json.")
         by = {"plugin": {"distribution": plugin.distribution, "version": plugin.version}}
-        found.write_manifest(folder, wanted.format, {**described, **by})
+        products.write_manifest(folder, options.format, {**described, **by})
     return ExportSummary(
         folder=str(output),
-        licence=found.credit().licence,
+        licence=products.credit().licence,
         figures={**described, **by},
         words=f"by {plugin.distribution} {plugin.version}",
     )

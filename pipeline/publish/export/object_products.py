@@ -20,7 +20,7 @@ KINDS = {"views": VIEWS, "object_file": OBJECT_FILES, "objects": OBJECTS, "colli
 
 
 @dataclass(frozen=True)
-class FoundProducts:
+class ObjectProducts:
     """Paths of the products of one object; None for an absent one."""
 
     object_id: str
@@ -60,7 +60,7 @@ class FoundProducts:
         raise InputError(self.object_id, "its source mesh is not here", remedy)
 
 
-def find_products(name: str, root: Path) -> FoundProducts:
+def find_products(name: str, root: Path) -> ObjectProducts:
     """Find the products of an object named by its id or by the path of one of them.
 
     Other products that lie in the same data set are found, too.
@@ -76,11 +76,11 @@ def find_products(name: str, root: Path) -> FoundProducts:
     if path.is_file():
         kind = _kind(path)
         if kind == "mesh":
-            return FoundProducts(path.stem, mesh=path)
+            return ObjectProducts(path.stem, mesh=path)
         object_id = path.name.removesuffix(KINDS[kind].suffix)
         named[kind] = path
         if path.parent.name != KINDS[kind].name:
-            return FoundProducts(object_id, **named)
+            return ObjectProducts(object_id, **named)
         root = path.resolve().parents[2]
     elif path.suffix or path.parent != Path("."):
         raise InputError(name, "no such file", "Check the path.")
@@ -93,7 +93,7 @@ def find_products(name: str, root: Path) -> FoundProducts:
         remedy = f"Use one of {', '.join(ids)}." if ids else "Give the data set by --root, or a path."
         raise InputError(object_id, f"no product of it in {root / 'data'}", remedy)
     record = read_records(root).rows.get(object_id) if (root / RECORDS).is_file() else None
-    return FoundProducts(object_id, **named, record=record)
+    return ObjectProducts(object_id, **named, record=record)
 
 
 def _kind(path: Path) -> str:
