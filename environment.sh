@@ -76,17 +76,17 @@ follow() {
 }
 
 # Remove what nothing here runs, half a gigabyte: packages' own tests, headers and tools of torch, Blender's
-# kernels for GPUs and its modules for add-ons, and of MKL all but the sequential solver of sparse systems.
+# kernels for GPUs, brushes and modules for add-ons, and of MKL all but the sequential solver of sparse systems.
 prune() {
   local site="$folder/lib/python3.11/site-packages" package
-  for package in numpy pandas scipy sympy; do
+  for package in matplotlib numba numpy pandas scipy sympy; do
     if [ -d "$site/$package" ]; then
       find "$site/$package" -type d -name tests -prune -exec rm -rf {} +
     fi
   done
   rm -rf "$site"/torch/{test,include,bin/protoc*,bin/*[tT]est*}
-  rm -rf "$site"/bpy/*/scripts/addons_core/cycles/lib "$site"/bpy/*/python
-  rm -f "$folder"/lib/libmkl_{intel_thread,tbb_thread,gnu_thread,intel_ilp64,scalapack_*,blacs_*,cdft_core}.so.*
+  rm -rf "$site"/bpy/*/{scripts/addons_core/cycles/lib,python,datafiles/assets}
+  rm -f "$folder"/lib/libmkl_{vml_*,intel_thread,tbb_thread,gnu_thread,intel_ilp64,scalapack_*,blacs_*,cdft_core}.so.*
 }
 
 uv=()
