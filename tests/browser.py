@@ -8,7 +8,8 @@ import contextlib
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -114,34 +115,76 @@ def browser() -> Iterator[Any]:
         launched.close()
 
 
+class Tabs:
+    """Pages that tests take in turn: a process of its own for each costs more than most tests."""
+
+    def __init__(self, browser: Any) -> None:
+        self._browser = browser
+        self._idle: defaultdict[tuple[tuple[str, Any], ...], list[Any]] = defaultdict(list)
+
+    @contextlib.contextmanager
+    def page(self, init_script: str = "", **settings: Any) -> Iterator[Any]:
+        """A blank page in a context of its own, which holds nothing of an earlier test."""
+        size = settings.pop("viewport", {"width": 1280, "height": 720})
+        scheme = settings.pop("color_scheme", "light")
+        idle = self._idle[("init_script", init_script), *sorted(settings.items())]
+        page = idle.pop() if idle else self._new_page(init_script, settings)
+        page.set_viewport_size(size)
+        page.emulate_media(color_scheme=scheme)
+        yield page
+        if not page.is_closed():
+            page.evaluate("['file:', 'http:'].includes(location.protocol) && localStorage.clear()")
+            page.context.clear_cookies()
+            page.context.clear_permissions()
+            page.goto("about:blank")
+            idle.append(page)
+
+    def _new_page(self, init_script: str, settings: Mapping[str, Any]) -> Any:
+        context = self._browser.new_context(**settings)
+        context.set_default_timeout(0)
+        context.add_init_script(init_script)
+        return context.new_page()
+
+
+@pytest.fixture(scope="module")
+def tabs(browser: Any) -> Tabs:
+    """The pages of a module's tests."""
+    return Tabs(browser)
+
+
+def listen(page: Any, stack: contextlib.ExitStack, *handlers: tuple[str, Callable[..., None]]) -> None:
+    """Call functions on events of a page until the stack is unwound."""
+    for event, handler in handlers:
+        page.on(event, handler)
+        stack.callback(page.remove_listener, event, handler)
+
+
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[Callable[..., Watched]]:
+def open_page(tabs: Tabs) -> Iterator[Callable[..., Watched]]:
     """A function that opens a file or an address in a page of its own and returns it `Watched`.
 
-    Its keywords are those of `Browser.new_context`: ``color_scheme="dark"``, ``viewport={...}``.
+    Its keywords are those of `Browser.new_context`, ``color_scheme="dark"``, ``viewport={...}``, and
+    ``init_script``, which runs in the page ahead of its own scripts.
     """
-    contexts = []
     watchdog = Watchdog()
+    with contextlib.ExitStack() as stack:
 
-    def open_in_new_context(place: Path | str, **settings: Any) -> Watched:
-        context = browser.new_context(**settings)
-        contexts.append(context)
-        context.set_default_timeout(0)
-        watched = Watched(context.new_page())
-        for event in PROGRESS:
-            watched.page.on(event, watchdog.progress)
-        watched.page.on("request", lambda request: watched.requests.append(request.url))
-        watched.page.on("pageerror", lambda error: watched.errors.append(str(error)))
-        watched.page.on(
-            "console",
-            lambda message: watched.errors.append(message.text) if message.type == "error" else None,
-        )
-        watched.page.goto(place.resolve().as_uri() if isinstance(place, Path) else place)
-        return watched
+        def open_in_a_tab(place: Path | str, **settings: Any) -> Watched:
+            page = stack.enter_context(tabs.page(**settings))
+            watched = Watched(page)
+            listen(page, stack, *((event, watchdog.progress) for event in PROGRESS))
+            listen(
+                page,
+                stack,
+                ("request", lambda request: watched.requests.append(request.url)),
+                ("pageerror", lambda error: watched.errors.append(str(error))),
+                ("console", lambda said: watched.errors.append(said.text) if said.type == "error" else None),
+            )
+            page.goto(place.resolve().as_uri() if isinstance(place, Path) else place)
+            return watched
 
-    with watchdog:
-        yield open_in_new_context
-    if watchdog.ended:
-        pytest.fail(f"nothing happened in the page for {PATIENCE_S:g} s of the processes' own")
-    for context in contexts:
-        context.close()
+        with watchdog:
+            yield open_in_a_tab
+        if watchdog.ended:
+            stack.pop_all()
+            pytest.fail(f"nothing happened in the page for {PATIENCE_S:g} s of the processes' own")

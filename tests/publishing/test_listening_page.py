@@ -56,9 +56,7 @@ def page_file(pairs, tmp_path_factory):
 @pytest.fixture
 def started(open_page, page_file):
     def start(seed=None, **settings):
-        watched = open_page("about:blank", **settings)
-        watched.page.add_init_script(LISTEN)
-        watched.page.goto(page_file.as_uri())
+        watched = open_page(page_file, init_script=LISTEN, **settings)
         if seed is not None:
             watched.page.fill("#seed", str(seed))
         watched.page.fill("#participant", "Ada <b>")

@@ -1,5 +1,5 @@
 """The browser, for all tests of pages of one object."""
 
-from tests.browser import browser, open_page
+from tests.browser import browser, open_page, tabs
 
-__all__ = ["browser", "open_page"]
+__all__ = ["browser", "open_page", "tabs"]

@@ -1,4 +1,7 @@
-"""A live page in a thread of the tests."""
+"""A live page in a thread of the tests.
+
+Its finest images are small: those of 512 pixels a side take seconds each.
+"""
 
 import asyncio
 import threading
@@ -9,6 +12,19 @@ from pathlib import Path
 from pipeline.publish.viewer.live import Page, Server, page_of_objects
 from pipeline.publish.viewer.live_queries import LiveObjects
 
+FINEST = 128  # pixels a side
+
+
+class SmallPage(Page):
+    """A page whose finest images have `FINEST` pixels a side."""
+
+    def files(self) -> dict[str, tuple[str, bytes]]:
+        """Return name and content of each file by its path."""
+        old, new = b"resolution: 512,", b"resolution: %d," % FINEST
+        files = super().files()
+        assert any(old in content for _, content in files.values())
+        return {path: (name, content.replace(old, new)) for path, (name, content) in files.items()}
+
 
 def served(*paths: Path) -> AbstractContextManager[Server]:
     """Serve Object Files while the context lasts."""
@@ -18,7 +34,7 @@ def served(*paths: Path) -> AbstractContextManager[Server]:
 @contextmanager
 def served_page(page: Page) -> Iterator[Server]:
     """Serve a page while the context lasts."""
-    server = Server(page)
+    server = Server(SmallPage(**vars(page)))
     loop, stopped = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:

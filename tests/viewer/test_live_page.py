@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import objectfolder
-from tests.viewer.live_servers import served
+from tests.viewer.live_servers import FINEST, served
 from tests.viewer.players import (
     HOSTILE,
     click,
@@ -45,7 +45,7 @@ def at_rest(page):
 def test_the_image_is_the_files_own(live, small_file):
     at_rest(live.page)
     first = pixels(live.page)
-    assert first.shape[0] == 512
+    assert first.shape[0] == FINEST
     assert (first.max(axis=2) < 13).sum() < 0.1 * (first < 250).any(axis=2).sum(), "lit as opened"
     assert np.array_equal(first, python_answers(live.page)["image"])
     drag(live.page, 0.2)
@@ -77,7 +77,7 @@ def test_dragging_shows_coarse_images_at_once(live):
     drawn = live.page.evaluate("() => window.drawn")
     assert drawn[0]["sub_rays"] == 4
     assert drawn[-1]["sub_rays"] is None
-    assert drawn[-1]["resolution"] == 512
+    assert drawn[-1]["resolution"] == FINEST
 
 
 def test_a_click_strikes_and_the_python_gives_the_same_sound(live, small_file):
@@ -87,7 +87,7 @@ def test_a_click_strikes_and_the_python_gives_the_same_sound(live, small_file):
     ray = evaluated(page, "panel.last.hit.orbit.ray(panel.last.hit.x, panel.last.hit.y)")
     hits = file.surface.ray_hits(np.array([ray["origin"]]), np.array([ray["direction"]]))
     assert np.array_equal(answer["point"], file.surface.points_at(hits.face, hits.barycentric)[0])
-    asked = python_answers(page)
+    asked = python_answers(page, image=False)
     played = np.array(page.evaluate("() => Array.from(objectfolderViewer.lastBuffer.getChannelData(0))"))
     assert np.abs(asked["sound"]).max() > 0
     assert np.array_equal(played.astype(np.float32), asked["sound"])
@@ -109,7 +109,7 @@ def test_a_press_shows_the_packages_touch(live):
     page.get_by_label("Tilt").fill("5")
     page.get_by_label("Towards").fill("90")
     answer = touched(page, "pressed", lambda: click(page, 0.5, 0.5))
-    touch = python_answers(page)["touch"]
+    touch = python_answers(page, image=False)["touch"]
     assert touch.mask.any()
     shown = np.array(page.evaluate(
         """() => { const canvas = document.querySelector('.player-touch canvas');

@@ -23,7 +23,7 @@ from tests.patience import wait_until
 from tests.viewer.live_servers import served_page
 from tests.viewer.players import place_of
 
-pytest.importorskip("mujoco")
+mujoco = pytest.importorskip("mujoco")
 TABLE = "objectfolderViewer.table"
 
 
@@ -32,9 +32,15 @@ def scene(tmp_path_factory):
     return drop_scene(tmp_path_factory.mktemp("table"), "mug", "bell")
 
 
+@pytest.fixture(scope="module")
+def files(scene):
+    return OpenedScene.of(scene).files
+
+
 @pytest.fixture
-def world(scene):
-    return PlayedWorld(OpenedScene.of(scene))
+def world(scene, files):
+    spec = mujoco.MjSpec.from_file(str(scene))
+    return PlayedWorld(OpenedScene(spec, spec.compile(), files))
 
 
 @pytest.fixture
