@@ -11,12 +11,13 @@ from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.materials import read_materials
 from objectfolder.audio.modes.absent import LEFT_OUT, absent_modes
 from objectfolder.catalogue import read_catalogue
-from objectfolder.errors import InputError, QueryError
+from objectfolder.errors import InputError, QueryError, UnsolvableError
 from objectfolder.fidelity.sound import measure_sound
 from objectfolder.mesh.body import body_of
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Product, read_attributes, write_product
+from objectfolder.solid.solid import Solid
 from objectfolder.surface.codec import encode_surface
 from pipeline.dataset.task import Request
 from pipeline.publish.queries.description import info_lines
@@ -41,9 +42,15 @@ def _modes(folder: Path, senses: list[str]) -> Product:
     return compute_modes(Request("sheet", inputs, {"audio": audio}, record, 0))
 
 
-def test_a_sheet_without_an_inside_has_modes_that_say_why_there_are_none(tmp_path: Path) -> None:
+def test_an_object_that_cannot_be_filled_has_modes_that_say_why_there_are_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> Solid:  # as `fill` does a sheet, after trying what takes long
+        raise UnsolvableError("sheet", REASON, "State wall_m")
+
+    monkeypatch.setattr("objectfolder.audio.modes.modes.fill", refuse)
     modes = _modes(tmp_path, ["vision", "audio", "touch"])
-    assert REASON in modes.attributes["absent"]
+    assert modes.attributes["absent"] == f"{REASON}. State wall_m"
     assert REASON in modes.attributes["warnings"][0]
     assert not modes.attributes["audible"]
     assert modes["mode_shapes"].shape == (0, 3, 0)

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from urllib.parse import unquote, urldefrag, urlsplit
 
@@ -27,9 +28,15 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def parts(page: Path) -> list[tuple[str, dict[str, str]]]:
-    tree = html5lib.parse(page.read_bytes(), namespaceHTMLElements=False)
-    return [(str(element.tag), element.attrib) for element in tree.iter()]
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[Path, ElementTree.Element]:
+    """The pages by their paths."""
+    paths = sorted(site.rglob("*.html"))
+    return {path: html5lib.parse(path.read_bytes(), namespaceHTMLElements=False) for path in paths}
+
+
+def parts(page: ElementTree.Element) -> list[tuple[str, dict[str, str]]]:
+    return [(str(element.tag), element.attrib) for element in page.iter()]
 
 
 def test_readme_is_short_and_begins_with_how_to_start():
@@ -42,11 +49,11 @@ def test_readme_is_short_and_begins_with_how_to_start():
 
 
 @pytest.mark.slow
-def test_every_link_and_every_picture_leads_to_something(site):
-    pages = {page: parts(page) for page in sorted(site.rglob("*.html")) if page.name != "404.html"}
-    anchors = {page: {has["id"] for _, has in found if "id" in has} for page, found in pages.items()}
+def test_every_link_and_every_picture_leads_to_something(pages):
+    all_parts = {path: parts(page) for path, page in pages.items() if path.name != "404.html"}
+    anchors = {page: {has["id"] for _, has in found if "id" in has} for page, found in all_parts.items()}
     broken, followed = [], 0
-    for page, found in pages.items():
+    for page, found in all_parts.items():
         for link in [has[key] for _, has in found for key in ("href", "src") if key in has]:
             if urlsplit(link).scheme:
                 continue
@@ -60,24 +67,23 @@ def test_every_link_and_every_picture_leads_to_something(site):
 
 
 @pytest.mark.slow
-def test_lists_and_tables_are_drawn_as_such(site):
-    for page in sorted(site.rglob("*.html")):
-        tree = html5lib.parse(page.read_bytes(), namespaceHTMLElements=False)
-        texts = ["".join(paragraph.itertext()) for paragraph in tree.iter("p")]
-        assert [text for text in texts if re.search(r"^(- |\|)", text, re.MULTILINE)] == [], page
+def test_lists_and_tables_are_drawn_as_such(pages):
+    for path, page in pages.items():
+        texts = ["".join(paragraph.itertext()) for paragraph in page.iter("p")]
+        assert [text for text in texts if re.search(r"^(- |\|)", text, re.MULTILINE)] == [], path
 
 
 @pytest.mark.slow
-def test_pages_load_nothing_from_elsewhere(site):
-    for page in sorted(site.rglob("*.html")):
+def test_pages_load_nothing_from_elsewhere(pages):
+    for path, page in pages.items():
         loads = [has[key] for tag, has in parts(page) for of, key in LOADED if tag == of and key in has]
         assert loads
-        assert [address for address in loads if urlsplit(address).scheme in ("http", "https")] == [], page
+        assert [address for address in loads if urlsplit(address).scheme in ("http", "https")] == [], path
 
 
 @pytest.mark.slow
-def test_reference_has_the_queries_of_an_object_file(site):
-    names = {has.get("id") for _, has in parts(site / "api.html")}
+def test_reference_has_the_queries_of_an_object_file(site, pages):
+    names = {has.get("id") for _, has in parts(pages[site / "api.html"])}
     for name in (
         "vision.SightQueries.render", "vision.SightQueries.sample_views", "audio.SoundQueries.strike",
         "touch.TouchQueries.press", "touch.TouchQueries.sample_contacts", "object_file.ObjectFile.save",

@@ -1,6 +1,5 @@
 """The examples of the public interface, run as they stand in the docstrings."""
 
-import doctest
 import importlib
 import inspect
 import re
@@ -14,6 +13,7 @@ import trimesh
 
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.object_file import ObjectFile
+from tests.docstring_examples import run_example
 
 REPOSITORY = Path(__file__).parents[1]
 REFERENCE = (REPOSITORY / "docs" / "api.md").read_text(encoding="utf-8")
@@ -57,17 +57,11 @@ def examples(small_file: Path, glass_bar: TexturedMesh, tmp_path_factory: pytest
     return folder
 
 
-@pytest.mark.parametrize("name", sorted(PUBLIC))
-def test_example_yields_what_it_says(name, examples, monkeypatch, capsys):
+# Those of objectfolder.batch run in tests/batch, in a process that compiles its bodies.
+@pytest.mark.parametrize("name", sorted(name for name in PUBLIC if ".batch." not in name))
+def test_example_yields_what_it_says(name, examples, monkeypatch):
     monkeypatch.chdir(examples)
-    documented = PUBLIC[name]
-    own = {documented.__name__: documented}  # what else an example needs, it imports
-    tests = doctest.DocTestFinder(recurse=False).find(documented, name, globs=own)
-    assert sum(len(test.examples) for test in tests) > 0, f"{name} has no example"
-    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    for test in tests:
-        runner.run(test)
-    assert runner.failures == 0, capsys.readouterr().out
+    run_example(name, PUBLIC[name])
 
 
 def test_readme_asks_an_object_file(examples, tmp_path, monkeypatch):

@@ -1,9 +1,12 @@
 import importlib
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import types
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,23 +14,14 @@ from llvmlite.binding import get_host_cpu_features
 
 import objectfolder
 from objectfolder.jit import _Compiling, kernel
+from objectfolder.products.provenance import file_digest, package_versions
 
 PROGRAM = """
-import numpy as np
-from numba.core.registry import cpu_target
-from objectfolder.touch.contact.height_field import _lowest
-from objectfolder.vision.compiled.network import _softplus
-_softplus(np.float32(1.0))
-_lowest(np.zeros((1, 3, 3)), np.arange(2.0), np.arange(2.0), 0.0)
-print(cpu_target.target_context.codegen().magic_tuple()[1])
-"""
-
-
-FIRST_QUERY = """
 import objectfolder
 mug = objectfolder.example("mug")
 points, _ = mug.sample_contacts(1, seed=0, reachable=False)
 from numba.core import event
+from numba.core.registry import cpu_target
 compiled = []
 class Listener(event.Listener):
     def on_start(self, event):
@@ -37,23 +31,86 @@ class Listener(event.Listener):
         pass
 event.register("numba:compile", Listener())
 {}
-print(*compiled)
+print(cpu_target.target_context.codegen().magic_tuple()[1], *compiled)
 """
+UNCACHED = """
+import numpy as np
+from objectfolder.vision.compiled.network import _softplus
+_softplus(np.float32(1.0))
+"""
+# A first query of a sense that takes long to compile, and how many functions that may be.
+QUERIES = {
+    "sight": ("mug.render(*mug.sample_views(1, seed=0), resolution=64)", 50),
+    "touch": ("mug.press(points)", 60),
+}
+Answers = list[tuple[list[str], str]]
 
 
-def compiled_in_a_new_process(tmp_path, program: str = PROGRAM, **environment: str) -> tuple[str, str]:
+def answer_of_a_new_process(cache: Path, query: str, **environment: str) -> tuple[list[str], str]:
+    """What it compiled for, the names of what it compiled, and what it wrote on standard error."""
     plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True,
-        env={**plain, "NUMBA_CACHE_DIR": str(tmp_path), **environment},
+        [sys.executable, "-c", PROGRAM.format(query)], capture_output=True, text=True, check=True,
+        env={**plain, "NUMBA_CACHE_DIR": str(cache), **environment},
     )  # fmt: skip
-    return done.stdout.strip(), done.stderr
+    return done.stdout.split(), done.stderr
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        "sight",
+        pytest.param("touch", marks=pytest.mark.release("objectfolder.touch")),
+    ],
+)
+def answers(request: pytest.FixtureRequest, make_once: Callable[..., Path]) -> tuple[Answers, int]:
+    """Of two processes with one query, the first with an empty cache; and how much the first may compile.
+
+    Kept between runs for what decides it: all code, and numba.
+    """
+    query, most = QUERIES[request.param]
+    package = Path(objectfolder.__file__).parent
+    code = {str(path): file_digest(path) for path in [Path(__file__), *sorted(package.rglob("*.py"))]}
+    inputs = {"code": code, "packages": package_versions(("llvmlite", "numba", "numpy"))}
+
+    def ask(folder: Path) -> None:
+        both = [answer_of_a_new_process(folder / "cache", query) for _ in range(2)]
+        shutil.rmtree(folder / "cache")
+        (folder / "answers.json").write_text(json.dumps(both))
+
+    folder = make_once(f"first-query-{request.param}", ask, inputs)
+    return json.loads((folder / "answers.json").read_text()), most
 
 
 @pytest.mark.slow
-def test_compiling_is_said_once_and_loading_from_the_cache_is_not(tmp_path):
-    assert compiled_in_a_new_process(tmp_path)[1].count("compiling kernels") == 1
-    assert compiled_in_a_new_process(tmp_path)[1] == ""
+def test_compiling_is_said_once_and_loading_from_the_cache_is_not(answers):
+    first, second = answers[0]
+    assert first[1].count("compiling kernels") == 1
+    assert second[1] == ""
+    assert second[0][1:] == []
+
+
+@pytest.mark.slow
+def test_a_first_query_compiles_few_functions_and_each_kernel_for_one_signature(answers):
+    (first, _), most = answers
+    own = [name for name in first[0] if name.startswith("objectfolder.")]
+    assert len(own) == len(set(own)) > 20
+    assert len(first[0][1:]) <= most
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not get_host_cpu_features().get("avx2", False), reason="a processor without AVX2")
+def test_every_process_compiles_for_one_target(answers):
+    assert {target for (target, *_), _ in answers[0]} == {"haswell"}
+
+
+@pytest.mark.slow
+def test_another_target_and_where_no_cache_can_be_written_the_remedy(tmp_path):
+    # IPython's locator finds no folder for a module.
+    environment = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator", "NUMBA_CPU_NAME": "generic"}
+    (target, *_), errors = answer_of_a_new_process(tmp_path, UNCACHED, **environment)
+    assert target == "generic"
+    assert "Set NUMBA_CACHE_DIR" in errors
 
 
 def test_compiling_is_logged_once_and_without_a_cache_with_the_remedy(caplog, monkeypatch):
@@ -70,32 +127,6 @@ def test_compiling_is_logged_once_and_without_a_cache_with_the_remedy(caplog, mo
     once, each_time = caplog.records
     assert "once for this installation" in once.getMessage()
     assert "Set NUMBA_CACHE_DIR" in each_time.getMessage()
-
-
-@pytest.mark.slow
-def test_where_no_cache_can_be_written_the_remedy_is_shown(tmp_path):
-    locators = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}  # finds no folder for a module
-    assert "Set NUMBA_CACHE_DIR" in compiled_in_a_new_process(tmp_path, **locators)[1]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not get_host_cpu_features().get("avx2", False), reason="a processor without AVX2")
-def test_every_process_compiles_for_one_target_unless_told_another(tmp_path):
-    assert compiled_in_a_new_process(tmp_path)[0] == "haswell"
-    assert compiled_in_a_new_process(tmp_path, NUMBA_CPU_NAME="generic")[0] == "generic"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("query", "most"),
-    [("mug.render(*mug.sample_views(1, seed=0), resolution=64)", 50), ("mug.press(points)", 60)],
-    ids=["sight", "touch"],
-)
-def test_a_first_query_compiles_few_functions_and_each_kernel_for_one_signature(tmp_path, query, most):
-    compiled = compiled_in_a_new_process(tmp_path, FIRST_QUERY.format(query))[0].split()
-    own = [name for name in compiled if name.startswith("objectfolder.")]
-    assert len(own) == len(set(own)) > 20
-    assert len(compiled) <= most
 
 
 def test_kernels_take_nothing_from_other_files():

@@ -9,6 +9,7 @@ from objectfolder.batch import Batch, TouchImages, WorldTouch
 from objectfolder.errors import QueryError
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.truth.press import press
+from tests.docstring_examples import run_example
 
 pytestmark = pytest.mark.slow  # the bodies are compiled
 
@@ -145,6 +146,12 @@ def test_two_fingers_in_eight_worlds_feel_their_objects_wherever_the_worlds_put_
     levels = (fingers.tactile_rgb_image.int() - expected.rgb.int()).abs()
     assert float((levels > 1).float().mean()) < 1e-3
     np.testing.assert_allclose(fingers.penetration_depth.numpy(), 0.001, atol=1e-9)
+
+
+@pytest.mark.parametrize("documented", [Batch, WorldTouch])
+def test_example_yields_what_it_says(documented, small_file, monkeypatch):
+    monkeypatch.chdir(small_file.parent)
+    run_example(documented.__name__, documented)
 
 
 def test_impossible_queries_name_what_is_wrong(files, monkeypatch):
