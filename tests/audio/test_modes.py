@@ -90,8 +90,9 @@ def test_too_many_modes_end_the_band_in_a_gap(bar: Product) -> None:
     assert bar.attributes["stated_frequency_limit_hz"] == pytest.approx(CELLS_LIMIT_HZ)
 
 
-def test_an_accuracy_that_is_not_reached_is_said(bar: Product) -> None:
-    solid = box((2, 1, 1), CELLS_BAR_M)
+def test_an_accuracy_that_is_not_reached_and_a_doubtful_solid_are_said(bar: Product) -> None:
+    report = {"doubts": ["its wall is thick"], "closing_share": 0.2}
+    solid = dataclasses.replace(box((2, 1, 1), CELLS_BAR_M), report=report)
     coarse = modes_of_solid(
         surface_of(solid),
         solid,
@@ -106,7 +107,9 @@ def test_an_accuracy_that_is_not_reached_is_said(bar: Product) -> None:
     assert bar.attributes["accuracy_reached"]
     assert not bar.attributes["warnings"]
     assert not coarse.attributes["accuracy_reached"]
-    assert coarse.attributes["warnings"]
+    warnings = " ".join(coarse.attributes["warnings"])
+    for warning in ("cents", "its wall is thick", "20% of the solid's outside closes openings"):
+        assert warning in warnings
 
 
 @pytest.mark.parametrize("order", [2, 6])

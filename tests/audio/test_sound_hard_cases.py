@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from structured_solids import box, filled_ball, material
+from structured_solids import ball, box, material
 
 from bench.references.sphere import sphere
 from objectfolder.audio.materials import Material
@@ -123,15 +123,14 @@ def test_a_cube_has_its_multiplicities_and_the_exact_lame_mode(
     assert complete(found)
 
 
-@pytest.mark.parametrize(("poisson_ratio", "order"), [pytest.param(0.45, 3, marks=RELEASE), (0.499, 4)])
 @pytest.mark.slow
-def test_a_nearly_incompressible_ball_does_not_lock(poisson_ratio: float, order: int) -> None:
+def test_a_nearly_incompressible_ball_does_not_lock() -> None:
     """Lamb's sphere: as many modes, in the same groups, at the same frequencies."""
-    truth = sphere(1.0, poisson_ratio, 4.0)
+    truth = sphere(1.0, 0.499, 4.0)
     below = (0.5 * (truth.wavenumbers[-1] + 4.0)) ** 2
-    solid = filled_ball()
-    bent, _ = space_on(solid, order, 1.0, bend=True)
-    found = solve_spectrum(bent, solid.component, poisson_ratio, below=below, max_modes=80, seed=0)
+    solid = ball(0)
+    bent, _ = space_on(solid, 4, 1.0, bend=True)
+    found = solve_spectrum(bent, solid.component, 0.499, below=below, max_modes=80, seed=0)
     assert found.certificate["holds"]
     np.testing.assert_allclose(np.sqrt(found.eta_squared), truth.repeated, rtol=1e-3)
     assert truth.multiplicities[:2].tolist() == [5, 5]
