@@ -62,19 +62,3 @@ def examples(small_file: Path, glass_bar: TexturedMesh, tmp_path_factory: pytest
 def test_example_yields_what_it_says(name, examples, monkeypatch):
     monkeypatch.chdir(examples)
     run_example(name, PUBLIC[name])
-
-
-def test_readme_asks_an_object_file(examples, tmp_path, monkeypatch):
-    code = re.findall(
-        r"```python\n(.*?)```", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.DOTALL
-    )
-    asked = tmp_path / "data" / "object_files"
-    asked.mkdir(parents=True)
-    shutil.copy(examples / "bar.safetensors", asked / "mug.safetensors")
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {}
-    exec("\n".join(code), names)
-    assert names["images"].shape == (4, 256, 256, 3)
-    assert names["sounds"].shape == (4, 88200)
-    assert names["touches"].rgb.shape == (4, 160, 120, 3)
-    assert names["touches"].reachable.all()

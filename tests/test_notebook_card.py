@@ -3,9 +3,9 @@
 import base64
 import io
 import re
+from pathlib import Path
 
 import numpy as np
-import pytest
 from PIL import Image
 from scipy.io import wavfile
 
@@ -18,17 +18,16 @@ def test_an_image_is_read_as_it_was_written() -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(png_bytes(image)))), image)
 
 
-@pytest.mark.slow
-def test_a_notebook_shows_a_picture_a_strike_fidelity_and_licence() -> None:
-    mug = objectfolder.example("mug")
-    shown = mug._repr_html_()
+def test_a_notebook_shows_a_picture_a_strike_fidelity_and_licence(small_file: Path) -> None:
+    bar = objectfolder.load(small_file)
+    shown = bar._repr_html_()
     content = dict(re.findall(r'src="data:([a-z/]+);base64,([^"]+)"', shown))
     with Image.open(io.BytesIO(base64.b64decode(content["image/png"]))) as picture:
-        np.testing.assert_array_equal(np.asarray(picture), mug.pictures(1)[0])
+        np.testing.assert_array_equal(np.asarray(picture), bar.pictures(1)[0])
     rate, sound = wavfile.read(io.BytesIO(base64.b64decode(content["audio/wav"])))
     assert len(sound) == rate
     assert 0.7 < np.abs(sound).max() < 0.71
-    fidelity = mug.description["fidelity"]
+    fidelity = bar.description["fidelity"]
     for said in (
         fidelity["vision"]["psnr_foreground_db"],
         fidelity["audio"]["gain_error_db"],
@@ -39,10 +38,10 @@ def test_a_notebook_shows_a_picture_a_strike_fidelity_and_licence() -> None:
     assert "http" not in shown
 
 
-def test_names_of_a_file_from_elsewhere_are_text_only() -> None:
-    mug = objectfolder.example("mug")
-    named = {**mug.description["object"], "name": "<script>x</script>"}
-    shown = mug.with_description(object=named, fidelity=None)._repr_html_()
+def test_names_of_a_file_from_elsewhere_are_text_only(small_file: Path) -> None:
+    bar = objectfolder.load(small_file)
+    named = {**bar.description["object"], "name": "<script>x</script>"}
+    shown = bar.with_description(object=named, fidelity=None)._repr_html_()
     assert "<script" not in shown
     assert "fidelity not measured" in shown
 
