@@ -25,7 +25,7 @@ from pipeline.audit.verification import (  # fmt: skip
     UNLISTED,
     verify,
 )
-from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, TOUCHES, VIEWS
+from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, STAGES, TOUCHES, VIEWS
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +70,12 @@ def test_nothing_wrong(workshop):
 
 
 @pytest.mark.slow
-def test_every_one_of_a_hundred_flipped_bits_is_found(made):
+def test_every_one_of_forty_flipped_bits_is_found(made):
     made.restore()
     files = product_files(made)
     with Contents(made.root) as contents:
         commit = made.at(contents, "HEAD")
-        for seed in range(100):
+        for seed in range(40):
             draw = random.Random(seed)
             path = draw.choice(files)
             in_cache = bool(seed % 2)
@@ -230,21 +230,12 @@ def children_find_the_bodies(workshop, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(workshop.root), os.environ.get("PYTHONPATH", "")]))
 
 
-def remade(workshop, revision=None, count=14, seed=0):
+def remade(workshop, *names, revision=None):
+    """Make products of some stages again."""
+    stages = [stage for stage in workshop.stages if stage.name in names]
     with Contents(workshop.root) as contents:
-        found = recompute(contents, workshop.at(contents, revision), workshop.stages, count, seed)
+        found = recompute(contents, workshop.at(contents, revision), stages, 14, seed=0)
     return {(one.stage, one.object_id): one for one in found}
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("children_find_the_bodies")
-def test_products_made_again_are_equal(workshop):
-    before = workshop.products()
-    found = remade(workshop)
-    assert len(found) == 2 * 7
-    assert {one.verdict for one in found.values()} == {EQUAL}, found
-    assert all(not one.finding for one in found.values())
-    assert workshop.products() == before
 
 
 @pytest.mark.slow
@@ -252,7 +243,7 @@ def test_products_made_again_are_equal(workshop):
 def test_products_of_an_older_version_made_again_from_its_own_records(workshop):
     workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
     workshop.version("second")
-    found = remade(workshop, workshop.first)
+    found = remade(workshop, "objects", "modes", revision=workshop.first)
     modes = found["modes", "dish"]
     assert modes.verdict == EQUAL
     # Meshes of the toys are versioned by neither git's outputs nor DVC's: that is said, not guessed.
@@ -261,24 +252,28 @@ def test_products_of_an_older_version_made_again_from_its_own_records(workshop):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("children_find_the_bodies")
-def test_product_that_nobody_could_have_made(workshop):
+def test_products_made_again_are_equal_but_for_one_that_nobody_could_have_made(workshop):
     path = FIDELITY.path(workshop.root, "cup")
     product = read_product(path)
     values = product.arrays["values"]
     path.unlink()
     forged = Array(values.data + 1, values.dims, values.units, values.long_name)
     write_product(path, Product({"values": forged}, product.attributes))
-    found = remade(workshop)
+    before = workshop.products()
+    found = remade(workshop, *STAGES)
+    assert len(found) == 2 * 7
     assert found["fidelity", "cup"].verdict == DIFFERENT, found["fidelity", "cup"].finding
     assert "values" in found["fidelity", "cup"].finding
     assert {key for key, one in found.items() if one.verdict != EQUAL} == {("fidelity", "cup")}
+    assert {key for key, one in found.items() if one.finding} == {("fidelity", "cup")}
+    assert workshop.products() == before
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("children_find_the_bodies")
 def test_code_of_today_that_is_another_is_said(workshop):
     workshop.edit_code("units", "PASCAL = 1.0", "PASCAL = 2.0")
-    one = remade(workshop)["modes", "cup"]
+    one = remade(workshop, "modes")["modes", "cup"]
     assert one.verdict == DIFFERENT
     assert "code workshop_of_verify.units changed" in one.finding
 

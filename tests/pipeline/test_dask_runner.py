@@ -7,6 +7,7 @@ import os
 import time
 from pathlib import Path
 
+import dask
 import psutil
 import pytest
 from processes import eventually, job, kill, run, running, scheduler, worker
@@ -126,43 +127,27 @@ def test_a_task_that_no_worker_can_run_is_refused_and_the_rest_goes_on(local):
 def test_what_kills_its_worker_fails_alone(toys):
     """Tasks that ran or waited on the worker that dies run again."""
     jobs = [job(toys, "poison", KILL_WORKER), *(job(toys, f"good_{index}") for index in range(3))]
-    with runner(TWO, toys.root, len(jobs)) as started:
+    with dask.config.set({"distributed.scheduler.allowed-failures": 1}), runner(TWO, toys.root, 4) as started:
         poison, *good = run(started, *jobs)
     assert "workers died under it" in poison.outcome.failure.error
     assert not any(end.outcome.failure for end in good)
 
 
-@pytest.mark.slow
-def test_a_scheduler_that_dies_ends_the_run(toys):
-    with contextlib.ExitStack() as stack:
-        address, process = stack.enter_context(scheduler(toys.root))
-        stack.enter_context(worker(toys.root, address))
-        started = stack.enter_context(runner(Place(address=address), toys.root, 3))
-
-        def run_until_killed() -> None:
-            with running(started, job(toys, "still", STILL)):
-                eventually(lambda: (toys.root / "executed.log").exists())
-                kill(process)
-
-        with pytest.raises(SimulationError, match=r"the scheduler went away.*nothing finished is lost"):
-            run_until_killed()
-
-
-@pytest.mark.slow
-def test_no_scheduler_and_no_workers_are_said_so(toys):
+def test_no_scheduler_is_said_so(toys):
     gone = Place(address="tcp://127.0.0.1:9", reconnect_s=0.5)
     with pytest.raises(SimulationError, match="no scheduler answers"), runner(gone, toys.root, 3):
         pass
-    with scheduler(toys.root) as (address, _):
+
+
+@pytest.mark.slow
+def test_a_cluster_elsewhere_loses_a_driver_and_then_its_scheduler(toys):
+    with contextlib.ExitStack() as stack:
+        address, process = stack.enter_context(scheduler(toys.root))
         empty = Place(address=address, workers_within_s=0.5)
         with runner(empty, toys.root, 3) as started, pytest.raises(SimulationError, match="no worker for"):
             run(started, job(toys, "good"))
 
-
-@pytest.mark.slow
-def test_the_child_of_a_driver_that_is_gone_ends(toys):
-    with contextlib.ExitStack() as stack:
-        address, _ = stack.enter_context(scheduler(toys.root))
+        # The child of a driver that is gone ends, and the worker is free for the next.
         stack.enter_context(worker(toys.root, address, "--resources", f"{GPU}=1"))
         place = Place(address=address)
         body = f"poison import os; open({str(toys.root / 'pid')!r}, 'w').write(str(os.getpid())); "
@@ -178,3 +163,14 @@ def test_the_child_of_a_driver_that_is_gone_ends(toys):
             (end,) = run(started, job(toys, "next"))
             assert end.outcome.failure is None
             assert time.monotonic() - begun < 300  # not after the sleep of the one given up
+
+            # Without its scheduler a run ends.
+            toys.executed()
+
+            def run_until_killed() -> None:
+                with running(started, job(toys, "still", STILL)):
+                    eventually(lambda: (toys.root / "executed.log").exists())
+                    kill(process)
+
+            with pytest.raises(SimulationError, match=r"the scheduler went away.*nothing finished is lost"):
+                run_until_killed()

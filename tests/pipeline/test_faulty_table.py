@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from toys import REPOSITORY, python
+from toys import REPOSITORY
 
 from objectfolder.mesh.starter.die import die
 from objectfolder.mesh.starter.write import write_obj
@@ -33,16 +33,22 @@ MESHES = {
 }
 
 
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("meshes")
+    for name in ("die", *MESHES):
+        (folder / name).mkdir()
+    write_obj(folder / "die" / "model.obj", die())
+    for name, text in MESHES.items():
+        (folder / name / "model.obj").write_text(text)
+    return folder
+
+
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
-    (tmp_path / "data").mkdir()
+def root(meshes: Path, tmp_path: Path) -> Path:
+    shutil.copytree(meshes, tmp_path / "data")
     shutil.copy(REPOSITORY / "params.yaml", tmp_path)
     shutil.copy(REPOSITORY / "data" / "materials.csv", tmp_path / "data")
-    (tmp_path / "data" / "die").mkdir()
-    write_obj(tmp_path / "data" / "die" / "model.obj", die())
-    for name, text in MESHES.items():
-        (tmp_path / "data" / name).mkdir()
-        (tmp_path / "data" / name / "model.obj").write_text(text)
     rows = ["good,,die/model.obj,,steel,as in file", *(fault[0] for fault in FAULTS.values())]
     (tmp_path / "data" / "starter.csv").write_text(HEAD + "\n".join(rows) + "\n")
     (tmp_path / "cluster").mkdir()
@@ -86,12 +92,14 @@ def test_failures_stop_the_run_where_they_are_not_allowed(root, monkeypatch):
         ("data/materials.csv", "density_kg_m3", "density", "column density_kg_m3 is missing"),
     ],
 )
-def test_faults_of_the_whole_are_one_line(root, file, old, new, message):
+@pytest.mark.usefixtures("quiet")
+def test_faults_of_the_whole_are_one_line(root, file, old, new, message, monkeypatch, capsys):
     path = root / file
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1))
-    done = python(root, "-m", "pipeline.cli", "stage", "objects")
-    assert done.returncode == 1
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
+    monkeypatch.chdir(root)
+    assert main(["stage", "objects"]) == 1
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
     assert not (root / "data/objects").exists()

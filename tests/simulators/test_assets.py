@@ -97,13 +97,15 @@ def test_an_angle_is_few_parts_that_cover_it() -> None:
 
 
 def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
-    ball = surface_of(trimesh.creation.icosphere(subdivisions=4, radius=0.05))
+    ball = surface_of(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     (hull,) = convex_parts(ball).hulls
     assert len(hull.vertices) <= 128
     radii = np.linalg.norm(hull.vertices, axis=1)
     assert np.all((radii > 0.049) & (radii < 0.051))
     rings = surface_of(trimesh.creation.torus(0.05, 0.015, major_sections=16, minor_sections=16))
-    assert max(len(hull.vertices) for hull in convex_parts(rings, most_parts=8).hulls) <= 32
+    parts = convex_parts(rings, threshold_m=0.02, most_parts=8).hulls
+    assert len(parts) > 1
+    assert max(len(hull.vertices) for hull in parts) <= 32
 
 
 def test_a_surface_that_takes_too_long_has_no_parts_and_its_product_says_why(
