@@ -1,8 +1,6 @@
 """The examples of the public interface, run as they stand in the docstrings."""
 
-import importlib
 import inspect
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -14,24 +12,14 @@ import trimesh
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.object_file import ObjectFile
 from tests.docstring_examples import run_example
+from tests.test_public_names import DOCUMENTED, named_by
 
 REPOSITORY = Path(__file__).parents[1]
-REFERENCE = (REPOSITORY / "docs" / "api.md").read_text(encoding="utf-8")
-DOCUMENTED = re.findall(r"^::: ([\w.]+)$", REFERENCE, flags=re.MULTILINE)
-
-
-def found(path: str) -> Any:
-    """What a dotted path of docs/api.md names."""
-    module, _, name = path.rpartition(".")
-    try:
-        return getattr(importlib.import_module(module), name)
-    except AttributeError:
-        return importlib.import_module(path)
 
 
 def public() -> dict[str, Callable[..., Any]]:
     """The functions of the reference, its classes with an example, and the methods of an Object File."""
-    named = {path: found(path) for path in DOCUMENTED}
+    named = {path: named_by(path) for path in DOCUMENTED}
     for path, module in list(named.items()):
         named |= {f"{path}.{name}": getattr(module, name) for name in getattr(module, "__all__", ())}
     methods = inspect.getmembers(ObjectFile, inspect.isroutine)

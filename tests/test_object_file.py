@@ -277,9 +277,9 @@ import numpy as np, objectfolder
 bar = objectfolder.load(sys.argv[1])
 assert bar.render(*bar.sample_views(1, 0), resolution=16).shape == (1, 16, 16, 3)
 points, normals = bar.sample_contacts(2, 0, reachable=False)
-assert np.abs(bar.strike(points, normals, duration=0.05)).max() > 0
+assert np.abs(bar.strike(points, normals, duration_s=0.05)).max() > 0
 assert bar.press(points).rgb.shape == (2, 160, 120, 3)
-assert bar.press(points[:1], force=0.5).rgb.any()
+assert bar.press(points[:1], force_n=0.5).rgb.any()
 for name in ("torch", "trimesh", "zarr", "embreex", "safetensors", "dask", "dvc", "bpy"):
     try:
         __import__(name)

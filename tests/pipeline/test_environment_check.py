@@ -15,15 +15,15 @@ from pipeline.cluster.environment_check import Environment, differences_of, envi
 from pipeline.cluster.places import Place
 from pipeline.dataset.stages import STAGES
 
-HERE = environment_here(["numpy", "scipy"], ["pipeline.tasks.objects"])
-MODULES = sorted(HERE.code["pipeline.tasks.objects"])
+HERE = environment_here(["numpy", "scipy"], ["objectfolder.mesh.body"])
+MODULES = sorted(HERE.code["objectfolder.mesh.body"])
 OTHER_CODE = f"other code in {', '.join(MODULES[:3])} and {len(MODULES) - 3} more"
 
 
 def test_an_equal_environment_has_no_difference():
     assert differences_of(HERE, Environment.model_validate_json(HERE.model_dump_json())) == []
     assert HERE.packages["numpy"][0].isdigit()
-    assert len(HERE.code["pipeline.tasks.objects"]) > 3
+    assert len(HERE.code["objectfolder.mesh.body"]) > 3
 
 
 @pytest.mark.parametrize(
@@ -32,12 +32,12 @@ def test_an_equal_environment_has_no_difference():
         ({"python": "3.9"}, "Python 3.9 instead of {python}"),
         ({"packages": {**HERE.packages, "numpy": "1.0"}}, "numpy 1.0 instead of {numpy}"),
         ({"packages": {"numpy": HERE.packages["numpy"]}}, "scipy absent instead of {scipy}"),
-        ({"code": {"pipeline.tasks.objects": {}}}, OTHER_CODE),
+        ({"code": {"objectfolder.mesh.body": {}}}, OTHER_CODE),
         (
             {
                 "code": {
-                    "pipeline.tasks.objects": {
-                        **HERE.code["pipeline.tasks.objects"],
+                    "objectfolder.mesh.body": {
+                        **HERE.code["objectfolder.mesh.body"],
                         "pipeline.dataset.task": "0",
                     }
                 }
@@ -52,8 +52,8 @@ def test_what_differs_is_named(change, expected):
 
 
 def test_many_differing_modules_are_counted():
-    changed = {name: "0" for name in HERE.code["pipeline.tasks.objects"]}
-    (said,) = differences_of(HERE, HERE.model_copy(update={"code": {"pipeline.tasks.objects": changed}}))
+    changed = {name: "0" for name in HERE.code["objectfolder.mesh.body"]}
+    (said,) = differences_of(HERE, HERE.model_copy(update={"code": {"objectfolder.mesh.body": changed}}))
     assert f"and {len(changed) - 3} more" in said
 
 
