@@ -16,7 +16,8 @@ LOADED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src")
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, ElementTree.Element]:
+    """The pages of the site, which is built, by their paths."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
     # Nothing outside this machine answers: a build that asks for something fails.
@@ -25,13 +26,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         command, cwd=REPOSITORY, env=offline, capture_output=True, text=True, check=False, timeout=300
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    return folder
-
-
-@pytest.fixture(scope="module")
-def pages(site: Path) -> dict[Path, ElementTree.Element]:
-    """The pages by their paths."""
-    paths = sorted(site.rglob("*.html"))
+    paths = sorted(folder.rglob("*.html"))
     return {path: html5lib.parse(path.read_bytes(), namespaceHTMLElements=False) for path in paths}
 
 
@@ -82,8 +77,9 @@ def test_pages_load_nothing_from_elsewhere(pages):
 
 
 @pytest.mark.slow
-def test_reference_has_the_queries_of_an_object_file(site, pages):
-    names = {has.get("id") for _, has in parts(pages[site / "api.html"])}
+def test_reference_has_the_queries_of_an_object_file(pages):
+    (reference,) = (page for path, page in pages.items() if path.name == "api.html")
+    names = {has.get("id") for _, has in parts(reference)}
     for name in (
         "vision.SightQueries.render", "vision.SightQueries.sample_views", "audio.SoundQueries.strike",
         "touch.TouchQueries.press", "touch.TouchQueries.sample_contacts", "object_file.ObjectFile.save",
