@@ -8,9 +8,10 @@ import sys
 
 import psutil
 import pytest
-from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed
-from ground import Ground, wait_for
+from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round
+from ground import PACKAGE, Ground, wait_for
 from toys import FILES, QUALITY
+from workshop import forget
 
 from pipeline.dataset import products
 
@@ -24,7 +25,12 @@ def ground(tmp_path_factory):
 
     @functools.cache
     def expected(objects: int) -> dict[str, str]:
-        return undisturbed(Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", contents(objects)))
+        made = Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", contents(objects))
+        forget(PACKAGE)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(made.root))
+            made.toys.flow()  # in this process: what runs elsewhere must come out the same
+        return made.digests()
 
     def data_set(objects: int) -> tuple[Ground, dict[str, str]]:
         root = tmp_path_factory.mktemp("disturbed") / "data_set"
