@@ -383,6 +383,11 @@ def test_parts_that_share_a_whole_face_are_one_solid(tmp_path):
     assert product.attributes["cleaning"]["folded_faces_dropped"] == 4
 
 
+def test_more_libraries_than_are_read_are_refused_before_one_is_opened(tmp_path):
+    path = write_obj_box(tmp_path, mtllib="\nmtllib ".join(f"{number}.mtl" for number in range(101)))
+    refused(path, "names 101 material libraries, more than 100")
+
+
 def test_more_pieces_than_an_object_has_are_refused(tmp_path):
     """Triangles whose corners differ in the last digit: none shares any with another."""
     vertices, faces = sphere(0.05, 5)
