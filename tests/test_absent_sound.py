@@ -31,10 +31,7 @@ def _modes(folder: Path, senses: list[str]) -> Product:
     """The task of stage `modes` for a sheet of one square, which has no inside."""
     (folder / "sheet.obj").write_text("v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nf 1 2 3 4\n")
     inputs = {"objects": folder / "objects.zarr.zip"}
-    write_product(
-        inputs["objects"],
-        ingest_object(folder / "sheet.obj", object_id="sheet"),
-    )
+    write_product(inputs["objects"], ingest_object(folder / "sheet.obj", object_id="sheet"))
     steel = asdict(read_materials(ROOT / "data/materials.csv")["steel"])
     material = {key: steel[key] for key in steel if key not in ("roughness", "metallic", "citation")}
     record = {"material": material, "walls": {"wall_m": None, "shell_m": None}, "senses": senses}

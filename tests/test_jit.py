@@ -56,8 +56,7 @@ def answer_of_a_new_process(cache: Path, query: str, **environment: str) -> tupl
 
 
 @pytest.fixture(
-    scope="module",
-    params=["sight", pytest.param("touch", marks=pytest.mark.release("objectfolder.touch"))],
+    scope="module", params=["sight", pytest.param("touch", marks=pytest.mark.release("objectfolder.touch"))]
 )
 def answers(request: pytest.FixtureRequest, make_once: Callable[..., Path]) -> tuple[Answers, int]:
     """Of two processes with one query, the first with an empty cache; and how much the first may compile.
