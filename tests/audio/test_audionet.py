@@ -246,10 +246,13 @@ def test_what_is_stored_answers_alike_and_damage_is_named(
 
 
 @pytest.mark.slow
-def test_bytes_are_bounded_and_more_of_them_buy_a_smaller_error(plate: tuple[Surface, Product]) -> None:
+def test_bytes_are_bounded_and_more_of_them_buy_a_smaller_error(
+    plate: tuple[Surface, Product], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fitting, "CONTROL_POINTS", (60, 120, 240))
     surface, modes = plate
     errors = []
-    for most_bytes in (5_000, 18_000):
+    for most_bytes in (5_000, 10_000):
         net = fit_audionet(surface, modes, goal_db=-60, most_bytes=most_bytes)
         assert stored_bytes(net) <= most_bytes
         errors.append(error_db(net, modes))

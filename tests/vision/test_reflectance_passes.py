@@ -1,5 +1,8 @@
 """Albedo, roughness and metallic beside an image: those of the source, at the pixel's centre."""
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 import pytest
 from small_visionnets import drawn_visionnet
@@ -20,6 +23,11 @@ from objectfolder.vision.visionnet import map_sampling
 CAMERAS = look_at(np.array([[1.4, -1.5, 1.3], [-1.4, 1.5, -1.3]]))
 LIGHT = np.array([0.3, 0.2, 1.0])
 ALL = ("mask", "albedo", "roughness", "metallic")
+
+
+@cache
+def stored_cube() -> Any:
+    return stored(cube())
 
 
 def mapped_cube() -> TexturedMesh:
@@ -58,7 +66,7 @@ def test_albedo_is_as_fine_as_its_bytes_allow(monkeypatch: pytest.MonkeyPatch) -
     )  # fmt: skip
     _, _, maps = stored(plain)
     assert len(maps.tensors()["albedo"]) < 300
-    _, _, finest = stored(mesh)
+    _, _, finest = stored_cube()
     assert set(finest.levels) == {"albedo"}, "the source has no other map"
     budget = len(finest.tensors()["albedo"]) - 1
     monkeypatch.setattr(map_sampling, "ALBEDO_BYTES", budget)
@@ -67,7 +75,7 @@ def test_albedo_is_as_fine_as_its_bytes_allow(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_an_export_takes_the_stated_base_colour() -> None:
-    _, frame, maps = stored(cube())
+    _, frame, maps = stored_cube()
     net = with_maps(drawn_visionnet(maps.surface), maps, frame)
     centre = np.full((1, 3), 1 / 3)
     for face in range(len(maps.surface.faces)):
