@@ -12,7 +12,6 @@ from structured_solids import box, material
 
 from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
 from objectfolder.products.store import Product, read_product, write_product
-from objectfolder.solid.solid import clean
 from objectfolder.surface.surface import Surface
 
 
@@ -224,18 +223,6 @@ def test_hidden_points_are_read_where_they_lie() -> None:
         highest_order=3,
     )
     assert product.attributes["transfer_distance_max_m"] == 0.0
-
-
-def test_bodies_are_numbered_from_zero() -> None:
-    solid = clean(*_two_apart())
-    assert solid.components == 2
-    assert solid.report["body_volume_shares"] == pytest.approx([0.5, 0.5])
-
-
-def _two_apart() -> tuple[np.ndarray, np.ndarray, dict]:
-    one = box((1, 1, 1), (1, 1, 1))
-    vertices = np.concatenate([one.vertices, one.vertices + 3])
-    return vertices, np.concatenate([one.tetrahedra, one.tetrahedra + len(one.vertices)]), {}
 
 
 @pytest.mark.slow

@@ -32,12 +32,6 @@ def spectrum(
     )
 
 
-def test_a_cube_without_poissons_effect_has_the_exact_lame_mode() -> None:
-    eta = np.sqrt(spectrum(box((3, 3, 3), (1, 1, 1)), 1.0, 0.0, 24).eta_squared)
-    nearest = eta[np.abs(eta - np.sqrt(2) * np.pi).argsort()[:2]]
-    np.testing.assert_allclose(nearest, np.sqrt(2) * np.pi, rtol=5e-4)
-
-
 def test_a_thin_plate_bends_without_locking() -> None:
     """Free square plate, omega a^2 sqrt(rho h / D), nu 0.3, 3-D Ritz."""
     thickness = 0.01
