@@ -2,7 +2,6 @@
 
 # ruff: noqa: E402
 
-import functools
 import gc
 import importlib
 import os
@@ -25,7 +24,6 @@ sys.dont_write_bytecode = False
 gc.disable()  # nothing of a million objects goes while tests are collected
 
 import pytest
-import yaml
 from filelock import FileLock
 
 from objectfolder.products.provenance import fingerprint
@@ -141,14 +139,6 @@ def _kernels_compiled_once(tmp_path_factory: pytest.TempPathFactory, request: py
         from tests import kernels_once
 
         kernels_once.register(tmp_path_factory.getbasetemp().parent)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _yaml_parsed_in_c() -> Iterator[None]:
-    """Let the library parse YAML in C: in Python, each reading of parameters and sensors takes 0.2 s."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(yaml, "safe_load", functools.partial(yaml.load, Loader=yaml.CSafeLoader))
-        yield
 
 
 @pytest.fixture(autouse=True)

@@ -24,6 +24,10 @@ MISSING = ("missing", "missing_argument")
 SECTION = ("dataclass_type", "model_type", "dict_type", "model_attributes_type")
 
 
+# Safe all the same, and ten times as fast where it is built.
+SAFE_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
 def read_yaml(path: Path) -> Any:
     """Return what a YAML file holds.
 
@@ -33,7 +37,7 @@ def read_yaml(path: Path) -> Any:
         A file that cannot be read.
     """
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
+        return SAFE_LOADER(path.read_text(encoding="utf-8")).get_single_data()
     except FileNotFoundError as error:
         remedy = "Check the path, or go to the root of the data set."
         raise InputError(str(path), "no such file", remedy) from error

@@ -221,8 +221,10 @@ def _photometry(fields: "_Reader", path: Path, content: Any) -> dict[str, Any]:
 def _yaml(path: Path) -> dict[str, Any]:
     with needs_extra("factory"):
         import yaml
+    # Safe all the same, and ten times as fast where it is built.
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = loader(path.read_text(encoding="utf-8")).get_single_data()
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
     if not isinstance(content, dict):
