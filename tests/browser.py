@@ -178,7 +178,10 @@ def open_page(tabs: Tabs) -> Iterator[Callable[..., Watched]]:
                 stack,
                 ("request", lambda request: watched.requests.append(request.url)),
                 ("pageerror", lambda error: watched.errors.append(str(error))),
-                ("console", lambda said: watched.errors.append(said.text) if said.type == "error" else None),
+                (
+                    "console",
+                    lambda message: watched.errors.append(message.text) if message.type == "error" else None,
+                ),
             )
             page.goto(place.resolve().as_uri() if isinstance(place, Path) else place)
             return watched

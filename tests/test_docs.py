@@ -46,7 +46,7 @@ def test_readme_is_short_and_begins_with_how_to_start():
 @pytest.mark.slow
 def test_every_link_and_every_picture_leads_to_something(pages):
     all_parts = {path: parts(page) for path, page in pages.items() if path.name != "404.html"}
-    anchors = {page: {has["id"] for _, has in found if "id" in has} for page, found in all_parts.items()}
+    anchors = {page: {has["id"] for _, has in parts if "id" in has} for page, parts in all_parts.items()}
     broken, followed = [], 0
     for page, found in all_parts.items():
         for link in [has[key] for _, has in found for key in ("href", "src") if key in has]:

@@ -176,11 +176,11 @@ def test_maps_of_as_many_places_as_a_lattice_may_have(changed, small_file, monke
     """Faces full of holes are cut into no more than `MOST_PIECES`, whole arrays at a time."""
     assert holes.MOST_PIECES <= 200_000  # 4 s of a query, and 150 MB
     monkeypatch.setattr(holes, "MOST_PIECES", 10_000)
-    asked, interpolate = [], FaceLattice.interpolate
+    places, interpolate = [], FaceLattice.interpolate
 
     def counted(lattice: FaceLattice, values: np.ndarray, face: np.ndarray, at: np.ndarray) -> np.ndarray:
-        asked.append(len(face))
-        assert sum(asked) < 3 * 10_000 + 5_000  # corners of pieces, and what is seen
+        places.append(len(face))
+        assert sum(places) < 3 * 10_000 + 5_000  # corners of pieces, and what is seen
         return interpolate(lattice, values, face, at)
 
     monkeypatch.setattr(FaceLattice, "interpolate", counted)
@@ -193,7 +193,7 @@ def test_maps_of_as_many_places_as_a_lattice_may_have(changed, small_file, monke
 
     ask(changed(*crowded(file, names, 1 / 32)))  # the first query loads kernels
     path, calls = changed(*crowded(file, names)), itertools.count()
-    asked.clear()
+    places.clear()
     tracemalloc.start()
     sys.setprofile(lambda *_: next(calls))
     try:
