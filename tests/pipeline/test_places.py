@@ -5,6 +5,10 @@ import os
 import sys
 import threading
 import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
 
 import psutil
 import pytest
@@ -170,15 +174,27 @@ def test_a_cluster_adapts_from_no_worker_to_two_and_back(root):
         assert client.nthreads() == {}
 
 
+def _pids_of_tasks(root: Path, workers: int, tasks: int) -> list[int]:
+    """Return the process of each task on a scheduler of many worker processes."""
+    place = Place(
+        kwargs={"n_workers": workers, "threads_per_worker": 1}, environment={"OMP_NUM_THREADS": "1"}
+    )
+    with connect(place, root, tasks) as client:
+        client.wait_for_workers(workers, timeout=600)
+        return client.gather(client.map(_pid_after, [2.0] * tasks, pure=False))
+
+
+def _pid_after(seconds: float) -> int:
+    time.sleep(seconds)
+    return os.getpid()
+
+
 @pytest.mark.slow
 @pytest.mark.release("pipeline.cluster")
 def test_one_scheduler_serves_64_worker_processes(root):
-    threads = {"OMP_NUM_THREADS": "1"}
-    with connect(
-        Place(kwargs={"n_workers": 64, "threads_per_worker": 1}, environment=threads), root, 200
-    ) as client:
-        client.wait_for_workers(64, timeout=600)
-        begun = time.monotonic()
-        client.gather(client.map(time.sleep, [2.0] * 192, pure=False))
-        assert time.monotonic() - begun < 3 * 6.0 * 2
-        assert len(set(client.run(os.getpid).values())) == 64
+    # The start of so many processes would keep the tests beside this one from the processors.
+    modest = ProcessPoolExecutor(1, get_context("spawn"), initializer=os.nice, initargs=(10,))
+    with modest:
+        tasks = Counter(modest.submit(_pids_of_tasks, root, 64, 192).result())
+    assert len(tasks) == 64
+    assert max(tasks.values()) <= 6

@@ -24,7 +24,8 @@ HANGING = {
     "ctypes.PyDLL(None).sleep(3600)",
     "forks": f"{STRAY}; subprocess.Popen(['sleep', '3600']); time.sleep(3600)",
 }
-LIMIT_S = 15.0
+# Within it, a process of a task starts even where others have the processors for most of the time.
+LIMIT_S = 30.0
 RELEASE = pytest.mark.release("pipeline.cluster", "pipeline.sandbox")
 MEMORY_LIMIT_BYTES = 700_000_000
 # Ends by itself where nobody ends it, so that a test that fails harms nobody.
@@ -57,7 +58,7 @@ def run(root: Path, poison: dict[str, str], good_each: int, **settings: object) 
     failures = read_failures(root)
     assert [(failure.object, failure.stage) for failure in failures] == [
         (name, "ingest") for name in sorted(poison)
-    ]
+    ], [f"{failure.object}: {failure.error}" for failure in failures]
     counts = ground.counts()
     good = set(ground.toys.rows) - set(poison)
     assert len(good) == good_each * len(poison)
