@@ -17,7 +17,7 @@ COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-ann
 .DEFAULT_GOAL := help
 # Stamps of purposes are kept, though only a pattern names them.
 .PRECIOUS: $(VENV)/.installed-%
-.PHONY: help environment dataset hundred learn learn-small metaworld examples test test-all lint docs stages lock
+.PHONY: help environment dataset hundred learn learn-small metaworld examples test test-all reality lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -72,6 +72,9 @@ test: $(VENV)/.installed-test ## Check style, types and imports, and run the tes
 
 test-all: RELEASE := all
 test-all: test ## The same, and the tests that protect a release
+
+reality: $(VENV)/.installed-test ## Compare the product with measurements of real things: docs/reality.md
+	python -m bench.reality $(if $(BUNDLE),--bundle "$(BUNDLE)")
 
 lint: $(VENV)/.installed-test ## Check style, types and imports
 	ruff check .
