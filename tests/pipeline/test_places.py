@@ -16,6 +16,7 @@ import pytest
 from objectfolder.errors import InputError
 from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place, read_place
+from tests.patience import wait_until
 
 ADDRESS = "tls://10.0.0.1:8786"
 CLASSES = {
@@ -159,19 +160,20 @@ def test_a_cluster_adapts_from_no_worker_to_two_and_back(root):
     quick = {"interval": "200ms", "wait-count": 3, "target-duration": "1s"}
     quick = {f"distributed.adaptive.{name}": value for name, value in quick.items()}
     place = Place(adapt=Adapt(maximum=2), kwargs={"threads_per_worker": 1}, dask=quick)
+    goes_on = root / "goes_on"
     with connect(place, root, 8) as client:
         assert client.nthreads() == {}
-        sleeps = client.map(time.sleep, [0.5] * 8, pure=False)
-        most = 0
-        while not all(one.done() for one in sleeps):
-            most = max(most, len(client.nthreads()))
-            time.sleep(0.1)
-        assert most == 2
-        del sleeps
-        deadline = time.monotonic() + 60
-        while client.nthreads() and time.monotonic() < deadline:
-            time.sleep(0.1)
-        assert client.nthreads() == {}
+        tasks = client.map(_wait_for, [str(goes_on)] * 8, pure=False)
+        wait_until(lambda: len(client.nthreads()) == 2, "two workers")
+        goes_on.touch()
+        client.gather(tasks)
+        del tasks
+        wait_until(lambda: client.nthreads() == {}, "no worker")
+
+
+def _wait_for(path: str) -> None:
+    while not os.path.exists(path):
+        time.sleep(0.05)
 
 
 def _pids_of_tasks(root: Path, workers: int, tasks: int) -> list[int]:
