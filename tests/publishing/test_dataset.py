@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+import zarr
 from torch.utils.data import DataLoader
+from zarr.codecs import BloscCodec, BytesCodec, GzipCodec
 
 import objectfolder
 from objectfolder.audio.synthesis import mode_bank
@@ -58,6 +60,23 @@ def equal(one, other):
         torch.equal(value, other[key]) if torch.is_tensor(value) else value == other[key]
         for key, value in one.items()
     )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"serializer": BytesCodec(endian="big"), "compressors": [BloscCodec()]},
+        {"compressors": [GzipCodec()]},
+        {"compressors": [BloscCodec()], "chunks": (2, 3)},
+    ],
+)
+def test_another_layout_is_refused_and_not_misread(tmp_path, other):
+    path = tmp_path / "other.zarr.zip"
+    with zarr.storage.ZipStore(path, mode="w") as store:
+        group = zarr.create_group(store)
+        group.create_array("values", data=np.arange(12.0).reshape(4, 3), **{"chunks": (4, 3), **other})
+    with pytest.raises(FormatError, match="no readable array values"):
+        reading.ProductReader(path).whole("values")
 
 
 @pytest.mark.parametrize("source", ["truth", "object_file"])
