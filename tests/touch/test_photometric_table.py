@@ -118,3 +118,8 @@ def test_a_table_survives_json_and_nothing_else_is_read() -> None:
     for wrong in ({}, {**stored, "shape": [3, 4]}, {**stored, "float16": "not base 64"}, {"shape": [1]}):
         with pytest.raises(FormatError, match="photometric table"):
             PhotometricTable.from_dict(wrong)
+
+
+def test_a_table_of_another_type_is_refused() -> None:
+    with pytest.raises(ValueError, match="float32, expected float16"):
+        PhotometricTable(random_table().coefficients.astype(np.float32))
