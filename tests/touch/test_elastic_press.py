@@ -265,6 +265,14 @@ def test_a_flat_sensor_with_a_photometric_table_shows_a_ball() -> None:
     assert np.median(moved[~touch.mask[0]]) <= 1
 
 
+def test_the_minis_force_is_the_measured_one() -> None:
+    """Of a force sensor, on a ball of 15 mm (Helmut et al. 2024, arXiv:2411.03315)."""
+    ball, depths = Surface(*sphere(0.0075, 6)), np.array([5e-4, 1e-3, 1.5e-3, 2e-3])
+    asked = Press(depth_m=depths, samples=1, cell_m=0.0003, contact="elastic")
+    touches = press(ball, read_sensor("gelsight-mini"), np.tile([[0, 0, 0.0075]], (4, 1)), asked)
+    assert touches.force_n == pytest.approx([1.650, 5.964, 13.526, 23.253], rel=0.03)
+
+
 @pytest.mark.slow
 def test_finer_cells_converge() -> None:
     edge = FacePatches(Surface(*box((-0.003, -0.003, -0.02), (0.003, 0.003, 0.0))))
