@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from objectfolder.touch.elastic.contact_problem import Contact, force_depth_curve, solve_contact
     from objectfolder.touch.elastic.elastomer import Elastomer
     from objectfolder.touch.elastic.markers import Markers, moved_markers
-    from objectfolder.touch.elastic.shear import Shear, solve_shear
+    from objectfolder.touch.elastic.shear import Shear, solve_shear, unsheared
     from objectfolder.touch.sensor.calibration import fit_table
     from objectfolder.touch.sensor.sensor import Sensor
     from objectfolder.touch.sensor.sensor_file import make_table, read_sensor
@@ -23,7 +23,7 @@ else:
             "elastic.contact_problem": ["Contact", "force_depth_curve", "solve_contact"],
             "elastic.elastomer": ["Elastomer"],
             "elastic.markers": ["Markers", "moved_markers"],
-            "elastic.shear": ["Shear", "solve_shear"],
+            "elastic.shear": ["Shear", "solve_shear", "unsheared"],
             "sensor.calibration": ["fit_table"],
             "sensor.sensor": ["Sensor"],
             "sensor.sensor_file": ["make_table", "read_sensor"],
@@ -52,4 +52,5 @@ __all__ = [
     "simulate_touches",
     "solve_contact",
     "solve_shear",
+    "unsheared",
 ]

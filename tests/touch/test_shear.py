@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.linalg import expm
-from scipy.special import j0, j1, jv
+from scipy.special import ellipe, ellipk, j0, j1, jv
 from shear_reference import cerruti, sheared
 
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
-from objectfolder.touch.elastic.shear import solve_shear
+from objectfolder.touch.elastic.shear import solve_shear, unsheared
 from objectfolder.touch.elastic.tangential_influence import (
     TangentialCompliance,
     relative_compliances,
@@ -27,6 +28,10 @@ def squared_radii() -> np.ndarray:
 
 def ball(gel: Elastomer) -> Contact:
     return solve_contact(squared_radii() / (2 * RADIUS_M), PITCH_M, gel, force_n=FORCE_N)
+
+
+def hertz_radius(gel: Elastomer) -> float:
+    return float((3 * FORCE_N * RADIUS_M / (4 * gel.contact_modulus_pa)) ** (1 / 3))
 
 
 def along_wave(a: float, n: float, load: np.ndarray) -> np.ndarray:
@@ -118,6 +123,85 @@ def test_a_ball_follows_cattaneo_and_mindlin(n: float, share: float) -> None:
     # The closed form lets all of the traction point along the force.
     assert np.abs(shear.traction_pa[0]).max() <= 0.11 * FRICTION * peak
     assert shear.traction_pa[1].sum() * PITCH_M**2 == pytest.approx(share * FRICTION * FORCE_N, rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [0.0, 0.5])
+@pytest.mark.parametrize("stick", [0.9, 0.4])
+def test_a_ball_twists_as_lubkin_says(n: float, stick: float) -> None:
+    """J. L. Lubkin 1951, J. Appl. Mech. 18: rigid discs of all radii from the stick radius on are twisted."""
+    gel = Elastomer(MODULUS_PA, n)
+    contact = ball(gel)
+    radius, rigidity = hertz_radius(gel), MODULUS_PA / (2 * (1 + n))
+    peak = 1.5 * FORCE_N / (np.pi * radius**2)
+
+    def twist(t: float) -> float:
+        square = 1 - (t / radius) ** 2
+        return FRICTION * peak / (2 * rigidity) * (ellipk(square) - ellipe(square))
+
+    inner = stick * radius
+    discs = inner**3 * twist(inner) + 3 * quad(lambda t: t * t * twist(t), inner, radius)[0]
+    torque = 16 * rigidity / 3 * discs
+    shear = solve_shear(contact, gel, FRICTION, (0.0, 0.0), torque_nm=torque)
+    assert shear.twist_rad == pytest.approx(twist(inner), rel=0.002)
+    assert np.abs(shear.shift_m).max() < 1e-6 * radius * shear.twist_rad
+    assert abs(np.sqrt(shear.sticking.sum() / np.pi) * PITCH_M - inner) < 0.01 * radius
+    x = (np.arange(CELLS) - (CELLS - 1) / 2) * PITCH_M
+    borne = (x[:, None] * shear.traction_pa[1] - x * shear.traction_pa[0]).sum() * PITCH_M**2
+    assert borne == pytest.approx(torque, rel=1e-6)
+    # From the rows' order towards the columns': what lies further down moves to the right.
+    assert shear.displacement_m[1, CELLS // 2 + 5, CELLS // 2] > 0
+
+
+def test_force_and_torque_slide_together_before_either_would() -> None:
+    gel = Elastomer(MODULUS_PA, 0.3)
+    contact, force = ball(gel), 0.8 * FRICTION * FORCE_N
+    limit = 3 * np.pi / 16 * FRICTION * FORCE_N * hertz_radius(gel)
+    for sign in (1, -1):
+        held = solve_shear(contact, gel, FRICTION, (force, 0.0), torque_nm=sign * 0.3 * limit)
+        assert not held.sliding
+        sliding = solve_shear(contact, gel, FRICTION, (force, 0.0), torque_nm=sign * 0.8 * limit)
+        assert sliding.sliding
+        assert sign * held.twist_rad > 0
+        np.testing.assert_allclose(
+            np.hypot(*sliding.traction_pa)[contact.mask], FRICTION * contact.pressure_pa[contact.mask]
+        )
+        x = (np.arange(CELLS) - (CELLS - 1) / 2) * PITCH_M
+        torque = (x[:, None] * sliding.traction_pa[1] - x * sliding.traction_pa[0]).sum() * PITCH_M**2
+        across = sliding.traction_pa[0].sum() * PITCH_M**2
+        assert torque / across == pytest.approx(sign * 0.8 * limit / force, rel=1e-3)
+    assert not solve_shear(contact, gel, FRICTION, (0.0, 0.0), torque_nm=0.999 * limit).sliding
+    assert solve_shear(contact, gel, FRICTION, (0.0, 0.0), torque_nm=1.001 * limit).sliding
+
+
+def test_a_force_that_falls_leaves_what_slipped() -> None:
+    """R. D. Mindlin & H. Deresiewicz 1953, J. Appl. Mech. 20: unloaded, and pulled back to where it stood."""
+    gel = Elastomer(MODULUS_PA, 0.3)
+    contact, most = ball(gel), FRICTION * FORCE_N
+    pushed = solve_shear(contact, gel, FRICTION, (0.0, 0.9 * most))
+    scale = float(pushed.shift_m[1]) / (1 - 0.1 ** (2 / 3))
+    for share in (0.0, -0.9):
+        shear = solve_shear(contact, gel, FRICTION, (0.0, share * most), before=pushed)
+        closed = 2 * (1 - (0.9 - share) / 2) ** (2 / 3) - 0.1 ** (2 / 3) - 1
+        assert shear.shift_m[1] == pytest.approx(scale * closed, abs=0.005 * scale)
+        again = solve_shear(contact, gel, FRICTION, (0.0, 0.9 * most), before=shear)
+        assert again.shift_m[1] == pytest.approx(pushed.shift_m[1], abs=0.002 * scale)
+    halfway = solve_shear(contact, gel, FRICTION, (0.0, 0.4 * most), before=pushed)
+    released = solve_shear(contact, gel, FRICTION, (0.0, 0.0), before=halfway)
+    assert released.shift_m[1] == pytest.approx(0.127 * scale, abs=0.003 * scale)
+
+
+def test_friction_while_it_is_pressed_holds_what_has_been_touched() -> None:
+    gel = Elastomer(MODULUS_PA, 0.3, 0.004)
+    state, gap = unsheared((CELLS, CELLS)), squared_radii() / (2 * RADIUS_M)
+    for force in (0.1, 0.2, 0.35):
+        contact, before = solve_contact(gap, PITCH_M, gel, force_n=force), state
+        state = solve_shear(contact, gel, 5.0, (0.0, 0.0), before=before)
+        assert np.count_nonzero(state.sticking) > 0.9 * np.count_nonzero(contact.mask)
+        change = np.abs(state.displacement_m - before.displacement_m)[:, state.sticking]
+        assert change.max() < 2e-3 * np.abs(state.displacement_m).max()
+    slipping = solve_shear(contact, gel, FRICTION, (0.0, 0.0))
+    middle = CELLS // 2, CELLS // 2 + 12
+    assert abs(state.displacement_m[1][middle]) < 0.6 * abs(slipping.displacement_m[1][middle])
 
 
 def test_beyond_friction_all_slides_and_bears_no_more() -> None:
@@ -237,5 +321,9 @@ def test_no_answer_without_numbers_or_iterations() -> None:
     for force in ((np.nan, 0.0), (1.0, 2.0, 3.0), 1.0):
         with pytest.raises(InputError, match=r"force_n: .* Give two numbers"):
             solve_shear(contact, gel, 1.0, force)
+    with pytest.raises(InputError, match=r"torque_nm: nan"):
+        solve_shear(contact, gel, 1.0, (0.0, 0.1), torque_nm=np.nan)
+    with pytest.raises(InputError, match=r"before: .* one grid"):
+        solve_shear(contact, gel, 1.0, (0.0, 0.1), before=unsheared((4, 4)))
     with pytest.raises(SimulationError, match=r"shear: what sticks is wrong by .* after 3 iterations"):
         solve_shear(contact, gel, 1.0, (0.0, 0.1), maximum_iterations=3)

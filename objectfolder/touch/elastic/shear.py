@@ -1,9 +1,10 @@
-"""An elastic surface sheared under a rigid object, by Coulomb's law: what sticks and what slips.
+"""An elastic surface sheared and twisted under a rigid object, by Coulomb's law: what sticks and what slips.
 
-The tangential force grows in one direction while the pressure stays. Tractions q with |q| <= friction times
-pressure move the surface by u = K q. Where it sticks u is the object's shift; where it slips q is at its
-limit, and points the way the object slides. These are the tractions of least energy q K q / 2 that add up to
-the force, a convex problem (J. J. Kalker 1990, Three-Dimensional Elastic Bodies in Rolling Contact, 4.2).
+The load grows from one state to the next in proportion. Tractions q with |q| <= friction times pressure move
+the surface by u = K q, and the pressure moves it as well. Where it sticks u has grown by what the object has
+shifted and turned since; where it slips q is at its limit, and points the way the object slides. These are
+the tractions of least energy q K q / 2 - q u0 that add up to the load, where u0 is what has been kept from
+before: a convex problem (J. J. Kalker 1990, Three-Dimensional Elastic Bodies in Rolling Contact, 4.2).
 Accelerated projected gradients find them (A. Beck & M. Teboulle 2009, SIAM J. Imaging Sciences 2),
 restarted as by B. O'Donoghue & E. Candes 2015, Found. Comput. Math. 15.
 """
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import minimize
 
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.jit import kernel
@@ -38,15 +40,18 @@ class Shear:
     displacement_m
         (2, rows, columns) float64 of the surface sideways, by tractions and by pressure.
     shift_m
-        (2,) float64: how far the object has moved before it slides, against the back of the elastic body.
+        (2,) float64: how far the object has moved before it slides, against the back of the elastic body,
+        where the centre of pressure is.
     sticking
-        (rows, columns) bool: cells in contact that have not slipped.
+        (rows, columns) bool: cells in contact that have not slipped since the state before.
     sliding
-        Whether all of the contact slips: a larger force is not borne.
+        Whether all of the contact slips: a larger load is not borne.
     relative_residual
         Largest error of what sticks, over the largest displacement by a uniform share of the friction.
     iterations
         Of projected gradients.
+    twist_rad
+        How far the object has turned, from direction 0 towards 1, before it slides.
     """
 
     traction_pa: np.ndarray
@@ -56,6 +61,13 @@ class Shear:
     sliding: bool
     relative_residual: float
     iterations: int
+    twist_rad: float = 0.0
+
+
+def unsheared(shape: tuple[int, int]) -> Shear:
+    """State of a surface (rows, columns) that nothing has touched: where a press with friction begins."""
+    nothing = np.zeros((2, *shape))
+    return Shear(nothing, nothing.copy(), np.zeros(2), np.zeros(shape, dtype=bool), False, 0.0, 0)
 
 
 def solve_shear(
@@ -64,10 +76,12 @@ def solve_shear(
     friction: float,
     force_n: ArrayLike,
     *,
+    torque_nm: float | None = None,
+    before: Shear | None = None,
     tolerance: float = TOLERANCE,
     maximum_iterations: int = MAXIMUM_ITERATIONS,
 ) -> Shear:
-    """Shear a contact by a force that grows in one direction; the pressure is as without friction.
+    """Shear a contact by a load that grows in proportion; the pressure is as without friction.
 
     Parameters
     ----------
@@ -79,13 +93,20 @@ def solve_shear(
         Coulomb's coefficient, 0 or more.
     force_n
         (2,) on the elastic surface. What exceeds friction times the normal force is not borne.
+    torque_nm
+        About the centre of pressure, from direction 0 towards 1. None holds the object from turning,
+        whatever torque that takes.
+    before
+        The state from which the load has changed to this one, of the same grid: loads and contacts that
+        rise, fall and turn round are followed state by state. None is a contact that was pressed without
+        friction.
     tolerance
         Largest `Shear.relative_residual`.
 
     Raises
     ------
     InputError
-        A friction below 0, a force that is not two numbers.
+        A friction below 0, a force that is not two numbers, a torque that is none, a state of another grid.
     SimulationError
         No convergence.
 
@@ -100,31 +121,64 @@ def solve_shear(
     >>> radii = np.sqrt(shear.sticking.sum() / contact.mask.sum())
     >>> round(radii, 1), round((1 - 0.4 / 0.8) ** (1 / 3), 1)  # Cattaneo and Mindlin
     (0.8, 0.8)
+    >>> back = solve_shear(contact, gel, 0.8, (0.0, 0.0), before=shear)
+    >>> round(back.shift_m[0] / shear.shift_m[0], 2)  # what slipped stays
+    0.06
     """
     force = np.asarray(force_n, dtype=np.float64)
     if not (np.isfinite(friction) and friction >= 0):
         raise InputError("friction", f"{friction}", "It must be a number, 0 or more.")
     if force.shape != (2,) or not np.isfinite(force).all():
         raise InputError("force_n", repr(force_n), "Give two numbers.")
+    if torque_nm is not None and not np.isfinite(torque_nm):
+        raise InputError(
+            "torque_nm", f"{torque_nm}", "Give a number, or None for an object that cannot turn."
+        )
+    if before is not None and before.sticking.shape != contact.mask.shape:
+        finding = f"is of {before.sticking.shape} cells, the contact of {contact.mask.shape}"
+        raise InputError("before", finding, "Use one grid throughout.")
     rows, columns = (_span(contact.mask.any(axis=axis)) for axis in (1, 0))
     limit = friction * contact.pressure_pa[rows, columns]
+    pressed = _moved_by_pressure(contact, elastomer)
     if not limit.any():
-        return _without_friction(contact, elastomer, bool(force.any()))
+        return _without_friction(contact, pressed, before, bool(force.any() or torque_nm))
     part = tangential_compliance(elastomer, limit.shape, contact.pitch_m)
-    total, size = force / (contact.pitch_m[0] * contact.pitch_m[1]), float(np.linalg.norm(force))
-    sliding = float(np.linalg.norm(total)) >= float(limit.sum())
-    if sliding:
-        inside = limit * (force / size)[:, None, None]
+    touching = limit > 0
+    load = _Load.on(contact, limit, touching, force, torque_nm)
+    kept = np.zeros((2, len(load.limit)))
+    if before is not None:
+        kept = (before.displacement_m - pressed)[:, rows, columns][:, touching]
+    inside = np.zeros((2, *limit.shape))
+    direction = load.sliding()
+    if direction is not None:
+        inside[:, touching] = load.limit * _unit(load.field(direction))
+        moved = part.displacement(inside)[:, touching] - kept
         # What sticks last is what has moved furthest.
-        furthest = np.tensordot(force / size, part.displacement(inside), 1)[limit > 0].max()
-        shift, residual, spent = furthest * force / size, 0.0, 0
+        field = load.field(direction)
+        further = (np.sum(moved * field, axis=0) / np.maximum(np.sum(field**2, axis=0), 1e-300)).max()
+        change, residual, spent = further * direction, 0.0, 0
     else:
-        inside, shift, residual, spent = _least_energy(part, limit, total, tolerance, maximum_iterations)
+        start = np.zeros((2, len(load.limit)))
+        if before is not None:
+            start = before.traction_pa[:, rows, columns][:, touching]
+        inside[:, touching], change, residual, spent = _least_energy(
+            part, load, touching, kept, start, tolerance, maximum_iterations
+        )
     traction, sticking = np.zeros((2, *contact.mask.shape)), np.zeros_like(contact.mask)
     traction[:, rows, columns] = inside
     sticking[rows, columns] = np.hypot(*inside) < limit * (1 - 1e-9)
-    moved = _moved(contact, elastomer, traction)
-    return Shear(traction, moved, shift, sticking & (not sliding), sliding, residual, spent)
+    whole = tangential_compliance(elastomer, contact.mask.shape, contact.pitch_m)
+    shift, twist = (np.zeros(2), 0.0) if before is None else (before.shift_m, before.twist_rad)
+    return Shear(
+        traction,
+        whole.displacement(traction) + pressed,
+        shift + change[:2],
+        sticking & (direction is None),
+        direction is not None,
+        residual,
+        spent,
+        twist + float(change[2]) / load.lever_m,
+    )
 
 
 def _span(wanted: np.ndarray, step: int = 8) -> slice:
@@ -137,37 +191,112 @@ def _span(wanted: np.ndarray, step: int = 8) -> slice:
     return slice(first, first + length)
 
 
-def _without_friction(contact: Contact, elastomer: Elastomer, pushed: bool) -> Shear:
+def _without_friction(contact: Contact, pressed: np.ndarray, before: Shear | None, pushed: bool) -> Shear:
     """Shear of a contact that bears none, or of no contact: it slides as soon as it is pushed."""
-    nothing, none = np.zeros((2, *contact.mask.shape)), np.zeros(2)
-    sticking = np.zeros_like(contact.mask)
-    return Shear(nothing, _moved(contact, elastomer, nothing), none, sticking, pushed, 0.0, 0)
+    shift, twist = (np.zeros(2), 0.0) if before is None else (before.shift_m, before.twist_rad)
+    nothing, sticking = np.zeros((2, *contact.mask.shape)), np.zeros_like(contact.mask)
+    return Shear(nothing, pressed, shift, sticking, pushed, 0.0, 0, twist)
 
 
-def _moved(contact: Contact, elastomer: Elastomer, traction: np.ndarray) -> np.ndarray:
+def _moved_by_pressure(contact: Contact, elastomer: Elastomer) -> np.ndarray:
     whole = tangential_compliance(elastomer, contact.mask.shape, contact.pitch_m)
-    return whole.displacement(traction) + whole.displacement_by_pressure(contact.pressure_pa)
+    return whole.displacement_by_pressure(contact.pressure_pa)
+
+
+@dataclass(frozen=True, eq=False)
+class _Load:
+    """What n cells in contact bear: the sum of their tractions, and of those along `arm` (2, n).
+
+    An arm is what a turn by 1 / `lever_m` moves a cell by, per metre; so both sums are of one kind. Without
+    a torque the object is held from turning.
+    """
+
+    limit: np.ndarray
+    arm: np.ndarray
+    total: np.ndarray
+    lever_m: float
+    turns: bool
+
+    @classmethod
+    def on(
+        cls,
+        contact: Contact,
+        limit: np.ndarray,
+        touching: np.ndarray,
+        force: np.ndarray,
+        torque: float | None,
+    ) -> "_Load":
+        place = np.stack(np.nonzero(touching)) * np.array(contact.pitch_m)[:, None]
+        away = place - np.average(place, axis=1, weights=limit[touching])[:, None]
+        # Of a single cell any would do.
+        lever = float(np.sqrt(np.mean(np.sum(away**2, axis=0)))) or max(contact.pitch_m)
+        arm = np.stack([-away[1], away[0]]) / lever
+        total = np.array([*force, (torque or 0.0) / lever]) / (contact.pitch_m[0] * contact.pitch_m[1])
+        return cls(limit[touching], arm, total, lever, torque is not None)
+
+    def field(self, motion: np.ndarray) -> np.ndarray:
+        """Displacements (2, n) by a motion (3,): along both directions, and turning."""
+        return np.asarray(motion[:2, None] + motion[2] * self.arm)
+
+    def sliding(self) -> np.ndarray | None:
+        """Motion (3,) with which the object slides under the load; None where the load is borne.
+
+        The load is borne where no motion does more work by it than friction takes. Of the motions by which
+        it does a unit of work, friction takes least of the one that it would slide with.
+        """
+        if not self.total.any():
+            return None
+        size = float(np.linalg.norm(self.total))
+        along = self.total / size
+        if not self.turns:
+            return along if size >= float(self.limit.sum()) else None
+        aside = np.linalg.svd(along[None])[2][1:]
+        scale = float(self.limit.sum())
+
+        def taken(weights: np.ndarray) -> tuple[float, np.ndarray]:
+            field = self.field(along + weights @ aside)
+            speed = np.sqrt(np.sum(field**2, axis=0) + 1e-18)
+            pull = self.limit * field / speed
+            slope = np.array([*pull.sum(axis=1), float(np.sum(pull * self.arm))])
+            return float(self.limit @ speed) / scale, aside @ slope / scale
+
+        found = minimize(taken, np.zeros(2), jac=True, method="BFGS", options={"gtol": 1e-9})
+        motion = along + found.x @ aside
+        return np.asarray(motion / np.linalg.norm(motion)) if size >= found.fun * scale else None
+
+
+def _unit(field: np.ndarray) -> np.ndarray:
+    return np.asarray(field / np.maximum(np.hypot(*field), 1e-300))
 
 
 def _least_energy(
-    compliance: TangentialCompliance, limit: np.ndarray, total: np.ndarray, tolerance: float, most: int
+    compliance: TangentialCompliance,
+    load: _Load,
+    touching: np.ndarray,
+    kept: np.ndarray,
+    start: np.ndarray,
+    tolerance: float,
+    most: int,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Tractions (2, rows, columns) of a given sum, the shift (2,), the residual, and iterations spent."""
-    stiffness, touching, box = 1 / compliance.greatest, limit > 0, np.zeros((2, *limit.shape))
-    most_pa = limit[touching]
-    traction = most_pa * (total / most_pa.sum())[:, None]
-    ahead, momentum, shift, scale = traction, 1.0, np.zeros(2), 0.0
+    """Tractions (2, n) of a given sum, how far the object moves (3,), the residual, and iterations spent."""
+    stiffness, box = 1 / compliance.greatest, np.zeros((2, *touching.shape))
+
+    def displaced(traction: np.ndarray) -> np.ndarray:
+        box[:, touching] = traction
+        return compliance.displacement(box)[:, touching]
+
+    uniform = load.limit * load.field(load.total) / load.limit.sum()
+    traction = uniform if not start.any() else start
+    scale = float(np.abs(displaced(uniform)).max()) + float(np.abs(kept).max())
+    ahead, momentum, change = traction, 1.0, np.zeros(3)
     for iteration in range(1, most + 1):
-        box[:, touching] = ahead
-        moved = compliance.displacement(box)[:, touching]
-        new, shift = _balanced(ahead - stiffness * moved, most_pa, total, stiffness * shift)
-        shift = shift / stiffness
+        moved = displaced(ahead) - kept
+        new, change = _balanced(ahead - stiffness * moved, load, stiffness * change)
+        change = change / stiffness
         error_pa = float(np.abs(new - ahead).max())
-        scale = float(np.abs(moved).max()) if iteration == 1 else scale
         residual = error_pa / (stiffness * scale) if error_pa > 0 else 0.0
         if residual <= tolerance:
-            box[:, touching] = new
-            return box, shift, residual, iteration
+            return new, change, residual, iteration
         if float(np.vdot(new - ahead, new - traction)) < 0:
             momentum = 1.0
         following = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
@@ -177,48 +306,62 @@ def _least_energy(
     raise SimulationError("shear", finding, "Allow more iterations or a larger tolerance.")
 
 
-def _balanced(
-    wanted: np.ndarray, limit: np.ndarray, total: np.ndarray, lift: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Tractions (2, n) within a limit (n,) and of a sum (2,) that are nearest to wanted ones.
+def _balanced(wanted: np.ndarray, load: _Load, lift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tractions (2, n) within the limit of a load, and of its sum, that are nearest to wanted ones.
 
-    They are the wanted ones plus a lift (2,), cut to the limit: Newton's method on the convex function of the
-    lift whose slope is what the sum is too much by. Also returns the lift.
+    They are the wanted ones plus the field of a lift (3,), cut to the limit: Newton's method on the convex
+    function of the lift whose slope is what the sum is too much by. Also returns the lift.
     """
-    cut, close = np.empty_like(wanted), 1e-9 * float(limit.sum())
-    energy, *found = _cut(wanted, limit, total, lift, cut)
+    cut, close = np.empty_like(wanted), 1e-9 * float(load.limit.sum())
+    free = 3 if load.turns else 2
+    slope, curvature = np.empty(3), np.empty((3, 3))
+    at = (wanted, load.limit, load.arm, load.total)
+    energy = _cut(*at, lift, cut, slope, curvature)
     for _ in range(BALANCE_STEPS):
-        x, y, xx, xy, yy = found
-        if max(abs(x), abs(y)) <= close:
+        if float(np.abs(slope[:free]).max()) <= close:
             break
-        xx, yy = xx + LEAST_SLOPE * len(limit), yy + LEAST_SLOPE * len(limit)
-        step = np.array([yy * x - xy * y, xx * y - xy * x]) / (xx * yy - xy * xy)
+        steep = curvature[:free, :free] + LEAST_SLOPE * len(load.limit) * np.eye(free)
+        step = np.zeros(3)
+        step[:free] = np.linalg.solve(steep, slope[:free])
         before = energy
-        energy, *found = _cut(wanted, limit, total, lift - step, cut)
+        energy = _cut(*at, lift - step, cut, slope, curvature)
         while energy > before + 1e-12 * abs(before):
             step /= 2
-            energy, *found = _cut(wanted, limit, total, lift - step, cut)
+            energy = _cut(*at, lift - step, cut, slope, curvature)
         lift = lift - step
     return cut, lift
 
 
 @kernel
-def _cut(wanted, limit, total, lift, cut):
-    """Fill in the tractions that a lift gives: what it should make least, its slope (2), that one's (3)."""
-    energy = -total[0] * lift[0] - total[1] * lift[1]
-    x, y, xx, xy, yy = -total[0], -total[1], 0.0, 0.0, 0.0
+def _cut(wanted, limit, arm, total, lift, cut, slope, curvature):
+    """Fill in the tractions that a lift gives, and slope (3,) and curvature (3, 3) of what it makes least."""
+    energy = -total[0] * lift[0] - total[1] * lift[1] - total[2] * lift[2]
+    slope[:] = -total
+    curvature[:] = 0.0
     for i in range(len(limit)):
-        a, b, most = wanted[0, i] + lift[0], wanted[1, i] + lift[1], limit[i]
+        e, f = arm[0, i], arm[1, i]
+        a, b = wanted[0, i] + lift[0] + lift[2] * e, wanted[1, i] + lift[1] + lift[2] * f
+        most = limit[i]
         length = np.sqrt(a * a + b * b)
-        share = 1.0
+        share, c, d = 1.0, 0.0, 0.0
         if length <= most:
             energy += length * length / 2
-            xx, yy = xx + 1, yy + 1
         else:
             energy += most * (length - most / 2)
             share = most / length
             c, d = a / length, b / length
-            xx, xy, yy = xx + share * d * d, xy - share * c * d, yy + share * c * c
-        cut[0, i], cut[1, i] = share * a, share * b
-        x, y = x + share * a, y + share * b
-    return energy, x, y, xx, xy, yy
+        xx, xy, yy = share * (1 - c * c), -share * c * d, share * (1 - d * d)
+        a, b = share * a, share * b
+        cut[0, i], cut[1, i] = a, b
+        slope[0] += a
+        slope[1] += b
+        slope[2] += a * e + b * f
+        ex, ey = xx * e + xy * f, xy * e + yy * f
+        curvature[0, 0] += xx
+        curvature[0, 1] += xy
+        curvature[1, 1] += yy
+        curvature[0, 2] += ex
+        curvature[1, 2] += ey
+        curvature[2, 2] += ex * e + ey * f
+    curvature[1, 0], curvature[2, 0], curvature[2, 1] = curvature[0, 1], curvature[0, 2], curvature[1, 2]
+    return energy
