@@ -199,7 +199,7 @@ def test_a_broken_package_is_named_where_it_is_used_and_nowhere_else(
     assert source_named("ycb").id == "ycb"
     assert Resolutions(["google_64k"]).asked("ycb:a").resolution == "google_64k"
     assert read_sensor("digit").name == "DIGIT"
-    with pytest.raises(InputError, match="Known: digit, gelsight, gelsight-mini, broken"):
+    with pytest.raises(InputError, match="Known: digit, digit-tacto, gelsight, gelsight-mini, broken"):
         read_sensor("dgit")
     with pytest.raises(InputError, match="Known: mujoco, broken"):
         open_simulation("none", tmp_path, {})

@@ -11,6 +11,7 @@ from objectfolder.batch.resident import ResidentTrees, joined, numbers, object_i
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.rendering.shadows import shadow_caster
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
 from objectfolder.touch.sensor.gel import gel_constants
 from objectfolder.touch.sensor.point_lights import point_lights
@@ -108,6 +109,7 @@ class TouchBatch:
 
         self._gel, self._camera = double(gel), double(sensor.camera_position_m)
         self._housing = double([sensor.housing_low_m, sensor.housing_high_m])
+        self._shadows = shadow_caster(sensor)
         self._near, self._u, self._v = grid.near, double(grid.u), double(grid.v)
         self._kind = torch.float32 if kind is np.float32 else torch.float64
         nearness = np.nextafter(1 / grid.gel_depth, np.inf).reshape(len(grid.v), len(grid.u))
@@ -229,6 +231,12 @@ class TouchBatch:
             (count, pixels), starts, windows, reach, planes, maps, *self._view, images.rgb, images.depth_m,
             images.mask,
         )  # fmt: skip
+        if self._shadows is not None:
+            # Lines through a lamp are followed one pixel after the other: by the host.
+            pictures, depths = images.rgb.cpu().numpy(), images.depth_m.cpu().numpy()
+            for picture, depth in zip(pictures, depths, strict=True):
+                self._shadows.cast(picture, depth)
+            images.rgb.copy_(torch.from_numpy(pictures))
         return images
 
 

@@ -81,8 +81,9 @@ def test_a_touch_in_a_batch_is_what_it_is_alone_and_fills_the_room_it_is_given(f
     assert float((depths - together.penetration_m)[reached].abs().max()) < 1e-12
 
 
-def test_a_membrane_with_a_photometric_table_is_seen_as_by_a_single_press(files):
-    sensor = read_sensor("gelsight").at_resolution(48, 64)
+@pytest.mark.parametrize(("name", "size"), [("gelsight", (48, 64)), ("digit", (64, 48))])
+def test_a_table_and_shadows_are_seen_as_by_a_single_press(files, name, size):
+    sensor = read_sensor(name).at_resolution(*size)
     bell = files[1]
     points, _ = bell.sample_contacts(2, seed=2)
     true = press(bell.touch.net._patches, sensor, points)

@@ -5,7 +5,7 @@ from toys import REPOSITORY
 
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.sensor.sensor_file import FOLDER
+from objectfolder.touch.sensor.sensor_file import FOLDER, read_sensor
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.selection import select
 
@@ -56,8 +56,8 @@ def test_mistakes_are_named(tmp_path, old, new, message):
 
 def test_what_is_read_is_the_sensor_itself_and_not_its_name(tmp_path):
     digit = read(tmp_path, TEXT).touch.sensor
-    assert Sensor.from_dict(digit) == Sensor()
-    mine = (FOLDER / "digit.yaml").read_text().replace("sigma_grey_levels: 7.0", "sigma_grey_levels: 1.0")
+    assert Sensor.from_dict(digit) == read_sensor("digit")
+    mine = (FOLDER / "digit.yaml").read_text().replace("sigma_grey_levels: 3.0", "sigma_grey_levels: 1.0")
     (tmp_path / "sensors").mkdir()
     (tmp_path / "sensors" / "mine.yaml").write_text(mine)
     parameters = read(tmp_path, TEXT.replace("sensor: digit", "sensor: sensors/mine.yaml", 1))

@@ -8,12 +8,12 @@ from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import FOLDER, make_table, read_sensor, sensor_names
 
-DIGIT = (FOLDER / "digit.yaml").read_text(encoding="utf-8")
+DIGIT = (FOLDER / "digit-tacto.yaml").read_text(encoding="utf-8")
 GELSIGHT = (FOLDER / "gelsight.yaml").read_text(encoding="utf-8")
 
 
-def test_digit_is_what_a_sensor_is_by_default() -> None:
-    assert read_sensor("digit") == Sensor()
+def test_tactos_digit_is_what_a_sensor_is_by_default() -> None:
+    assert read_sensor("digit-tacto") == Sensor()
 
 
 @pytest.mark.parametrize("name", sensor_names())
@@ -60,7 +60,7 @@ def test_a_file_in_the_old_spelling_is_read_and_names_the_new_keys(tmp_path) -> 
     assert old.count("color:") == 4
     (tmp_path / "mine.yaml").write_text(old)
     with pytest.warns(FutureWarning, match="mine.yaml: the key .* is now") as caught:
-        assert read_sensor(tmp_path / "mine.yaml") == read_sensor("digit")
+        assert read_sensor(tmp_path / "mine.yaml") == read_sensor("digit-tacto")
     said = [str(warning.message) for warning in caught]
     assert sum("`color` is now `colour`" in message for message in said) == 3
     assert sum("`base_color` is now `base_colour`" in message for message in said) == 1
@@ -111,7 +111,7 @@ def test_what_is_no_sensor_file_is_refused(subtests: pytest.Subtests, tmp_path: 
 
 @pytest.mark.parametrize("source", ["digits", "no/such.yaml", "README.md"])
 def test_an_unknown_sensor_is_refused_with_those_known(source: str) -> None:
-    with pytest.raises(InputError, match="Known: digit, gelsight"):
+    with pytest.raises(InputError, match="Known: digit, digit-tacto, gelsight"):
         read_sensor(source)
 
 

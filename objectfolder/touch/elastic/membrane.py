@@ -12,6 +12,7 @@ import numpy as np
 from objectfolder.jit import kernel
 from objectfolder.touch.contact.height_field import gel_grid
 from objectfolder.touch.elastic.contact_problem import Contact
+from objectfolder.touch.rendering.shadows import shadow_caster
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, RayGrid, resolve, to_bytes
 from objectfolder.touch.sensor.gel import gel_slopes
 from objectfolder.touch.sensor.sensor import Sensor
@@ -78,11 +79,12 @@ def membrane_image(
     depth, touched = np.zeros(len(values)), np.zeros(len(values), dtype=np.float32)
     depth[sample], touched[sample] = displacement, met
     depth_map = resolve(depth, sensor, grid.samples)
-    return (
-        to_bytes(resolve(values, sensor, grid.samples)),
-        (np.trunc(depth_map * DEPTH_STEPS_PER_M) / DEPTH_STEPS_PER_M).astype(np.float32),
-        resolve(touched, sensor, grid.samples) >= 0.5,
-    )
+    rgb = to_bytes(resolve(values, sensor, grid.samples))
+    depth_map = (np.trunc(depth_map * DEPTH_STEPS_PER_M) / DEPTH_STEPS_PER_M).astype(np.float32)
+    shadows = shadow_caster(sensor)
+    if shadows is not None:
+        shadows.cast(rgb, depth_map)
+    return rgb, depth_map, resolve(touched, sensor, grid.samples) >= 0.5
 
 
 @kernel

@@ -51,7 +51,7 @@ def calibrated(rgb: np.ndarray, no_contact: np.ndarray, background: np.ndarray, 
 
     background = checked_background(background, sensor)
     images = rgb if rgb.ndim == 4 else rgb[None]
-    kernel = blur_kernel(sensor.background_blur_pixels)
+    kernel = background_kernel(sensor)
     laid = np.empty_like(images)
     for index, image in enumerate(images):
         difference = (image.astype(np.float64) - no_contact) * sensor.background_gain
@@ -79,6 +79,18 @@ def checked_background(background: np.ndarray, sensor: Sensor) -> np.ndarray:
         else "no array"
     )
     raise QueryError("background", given, f"Give a uint8 image of shape {shape}.")
+
+
+def background_kernel(sensor: Sensor) -> np.ndarray:
+    """Weights (size,) by which the difference of a touch from the untouched gel is blurred."""
+    if sensor.background_blur_m == 0:
+        return blur_kernel(sensor.background_blur_pixels)
+    away = sensor.gel_apex_m[0] - sensor.camera_position_m[0]
+    height_m = 2 * away * np.tan(np.radians(sensor.field_of_view_deg) / 2)
+    deviation = sensor.background_blur_m * sensor.image_height / height_m
+    reach = min(max(1, int(np.ceil(3 * deviation))), sensor.image_height)
+    weights = np.exp(-((np.arange(2 * reach + 1) - reach) ** 2) / (2 * deviation**2))
+    return np.asarray(weights / weights.sum())
 
 
 def blur_kernel(size: int) -> np.ndarray:

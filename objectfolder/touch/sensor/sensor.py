@@ -1,4 +1,4 @@
-"""The tactile sensor as data: camera, gel, appearance, housing, noise; a DIGIT by default."""
+"""The tactile sensor as data: camera, gel, appearance, housing, noise; TACTO's DIGIT by default."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -13,6 +13,14 @@ from objectfolder.touch.sensor.photometric_table import PhotometricTable
 Vector = tuple[float, float, float]
 # Keys of a stored sensor whose fields are spelt otherwise.
 STORED_NAMES = {"light_colours": "light_colors", "base_colour": "base_color"}
+# Stored only where they are not as by default, so that sensors without them are stored as ever.
+OPTIONAL = (
+    "shadow_positions_m",
+    "shadow_shares",
+    "shadow_lamp_height_m",
+    "shadow_penumbra_m",
+    "background_blur_m",
+)
 
 
 def _ring(x: float, radius: float, centre: Vector, angles_deg: tuple[float, ...]) -> tuple[Vector, ...]:
@@ -26,7 +34,7 @@ def _ring(x: float, radius: float, centre: Vector, angles_deg: tuple[float, ...]
 
 @dataclass(frozen=True)
 class Sensor:
-    """A camera behind an elastic gel, DIGIT by default.
+    """A camera behind an elastic gel, TACTO's DIGIT by default (``"digit-tacto"``).
 
     The sensor frame is in metres: x points out of the sensor, at the object; image rows run along -z
     and columns along -y. The defaults are the DIGIT configuration of TACTO 0.0.3 (`config_digit.yml`;
@@ -70,9 +78,17 @@ class Sensor:
         How a painted membrane looks, in place of lights and material, which then count for nothing.
     noise_sigma_grey_levels
         Standard deviation of the camera's noise (`objectfolder.touch.sensor.reading`).
+    shadow_positions_m, shadow_shares
+        Lamps that cast shadows over the gel, under lights and table alike, and how much of the values of red,
+        green and blue, 0..1, goes where what indents the gel hides them.
+    shadow_lamp_height_m, shadow_penumbra_m
+        How far such a lamp reaches along the sensor's axis, which softens a shadow the more the farther it
+        falls, and the least height over which light fades.
     background_gain, background_blur_pixels
         How a touch is laid over a background (`objectfolder.touch.sensor.reading`): the factor of its
         difference from the untouched gel, and the odd width of the blur.
+    background_blur_m
+        Standard deviation of the blur on the gel, at any image size, in place of that width; 0: the width.
     """
 
     name: str = "DIGIT"
@@ -100,9 +116,14 @@ class Sensor:
     gel_poisson_ratio: float = 0.48
     gel_thickness_m: float = 0.004
     photometric_table: PhotometricTable | None = None
+    shadow_positions_m: tuple[Vector, ...] = ()
+    shadow_shares: tuple[Vector, ...] = ()
+    shadow_lamp_height_m: float = 0.0
+    shadow_penumbra_m: float = 1e-4
     noise_sigma_grey_levels: float = 7.0
     background_gain: float = 0.5
     background_blur_pixels: int = 7
+    background_blur_m: float = 0.0
 
     light_colors = renamed_attribute("light_colours")
     base_color = renamed_attribute("base_colour")
@@ -115,14 +136,35 @@ class Sensor:
             raise ValueError(f"{self.name}: an image needs at least 2 x 2 pixels")
         if len(self.light_positions_m) != len(self.light_colours):
             raise ValueError(f"{self.name}: as many light_colours as light_positions_m are needed")
+        self._check_shadows()
         if not (self.gel_youngs_modulus_pa > 0 and self.gel_thickness_m > 0):
             raise ValueError(f"{self.name}: the gel needs a Young's modulus and a thickness above 0")
         if not 0 <= self.gel_poisson_ratio < 0.5:
             raise ValueError(f"{self.name}: gel_poisson_ratio is {self.gel_poisson_ratio}, not in 0 .. 0.5")
         if self.noise_sigma_grey_levels < 0:
             raise ValueError(f"{self.name}: noise_sigma_grey_levels is below 0")
+        if self.background_blur_m < 0:
+            raise ValueError(f"{self.name}: background_blur_m is below 0")
         if self.background_blur_pixels < 1 or self.background_blur_pixels % 2 == 0:
             raise ValueError(f"{self.name}: background_blur_pixels is {self.background_blur_pixels}, not odd")
+
+    def _check_shadows(self) -> None:
+        if len(self.shadow_positions_m) != len(self.shadow_shares):
+            raise ValueError(f"{self.name}: as many shadow_shares as shadow_positions_m are needed")
+        if not all(0 <= part <= 1 for share in self.shadow_shares for part in share):
+            raise ValueError(f"{self.name}: shadow_shares are not in 0 .. 1")
+        slope = np.tan(np.radians(self.field_of_view_deg) / 2)
+        for index, position in enumerate(self.shadow_positions_m):
+            ahead, across, up = np.asarray(position) - np.asarray(self.camera_position_m)
+            if not ahead > 0:
+                raise ValueError(f"{self.name}: lamp {index} of the shadows stands behind the camera")
+            if (
+                abs(up) <= slope * ahead
+                and abs(across) <= slope * ahead * self.image_width / self.image_height
+            ):
+                raise ValueError(f"{self.name}: lamp {index} of the shadows stands in the camera's view")
+        if self.shadow_lamp_height_m < 0 or not self.shadow_penumbra_m > 0:
+            raise ValueError(f"{self.name}: shadows need a lamp height of 0 or more and a penumbra above 0")
 
     def at_resolution(self, height: int, width: int) -> "Sensor":
         """Return the same sensor with images of `height` x `width` pixels, and its vertical field of view.
@@ -151,6 +193,9 @@ class Sensor:
             for field in fields(self)
         }
         table = self.photometric_table
+        for field in fields(self):
+            if field.name in OPTIONAL and getattr(self, field.name) == field.default:
+                del values[field.name]
         return {**values, "photometric_table": None if table is None else table.to_dict()}
 
     @classmethod
@@ -163,7 +208,7 @@ class Sensor:
             A key too many or too few, or a photometric table that is none.
         """
         names = {STORED_NAMES.get(field.name, field.name): field.name for field in fields(cls)}
-        expected = set(names)
+        expected = set(names) - (set(OPTIONAL) - set(values))
         if expected != set(values):
             missing, unknown = sorted(expected - set(values)), sorted(set(values) - expected)
             raise FormatError("sensor", f"missing fields {missing}, unknown fields {unknown}")

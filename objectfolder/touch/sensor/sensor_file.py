@@ -56,10 +56,17 @@ BACKGROUND = {
     "gain": ("background_gain", "number"),
     "blur_pixels": ("background_blur_pixels", "whole"),
 }
+# In place of the last key of the background.
+BLUR_M = ("background_blur_m", "number")
 # Keys as they were spelt before.
 OLD_KEYS = {"base_color": "base_colour", "color": "colour"}
 SECTIONS = {"camera": CAMERA, "gel": GEL, "housing": HOUSING, "noise": NOISE, "background": BACKGROUND}
 LIGHT = {"position_m": ("position_m", "vector"), "colour": ("colour", "vector")}
+SHADOWS = {
+    "lamp_height_m": ("shadow_lamp_height_m", "number"),
+    "penumbra_m": ("shadow_penumbra_m", "number"),
+}
+SHADOW_LAMP = {"position_m": ("position_m", "vector"), "share": ("share", "vector")}
 STRIP = {"colour": ("colour", "vector"), "points": ("points", "whole")}
 MADE_FROM = {
     "ambient": ("ambient", "number"),
@@ -98,7 +105,7 @@ def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
     Parameters
     ----------
     source
-        ``"digit"``, ``"gelsight"``, the name of a plugin's sensor, or a path of a file as they are.
+        A name of `sensor_names`, the name of a plugin's sensor, or a path of a file as they are.
     root
         Where relative paths start; the working directory if None.
 
@@ -149,9 +156,15 @@ def make_table(source: Path | str) -> PhotometricTable:
 def _sensor(path: Path, content: dict[str, Any], photometry: dict[str, Any]) -> Sensor:
     """The sensor of a file's sections and of the fields of its photometry."""
     fields = _Reader(path.name)
+    content = dict(content)
+    shadows = content.pop("shadows", None)
     fields.check_keys("", content, ("name", *SECTIONS, "photometry"))
     values: dict[str, Any] = {"name": fields.value("name", content["name"], "text"), **photometry}
+    if shadows is not None:
+        values.update(_shadows(fields, shadows))
     for section, keys in SECTIONS.items():
+        if section == "background" and isinstance(content[section], dict) and "blur_m" in content[section]:
+            keys = {"gain": BACKGROUND["gain"], "blur_m": BLUR_M}
         values.update(fields.section(section, content[section], keys))
     try:
         sensor = Sensor(**values)
@@ -159,6 +172,21 @@ def _sensor(path: Path, content: dict[str, Any], photometry: dict[str, Any]) -> 
     except ValueError as error:
         raise InputError(path.name, str(error), "Correct it there.") from error
     return sensor
+
+
+def _shadows(fields: "_Reader", content: Any) -> dict[str, Any]:
+    """Fields of `Sensor` from the section ``shadows``, which a file may have."""
+    fields.check_keys("shadows.", content, ("lamps", *SHADOWS))
+    rest = {key: value for key, value in content.items() if key != "lamps"}
+    lamps = [
+        fields.section(f"shadows.lamps[{index}]", lamp, SHADOW_LAMP)
+        for index, lamp in enumerate(fields.items("shadows.lamps", content["lamps"]))
+    ]
+    return {
+        **fields.section("shadows", rest, SHADOWS),
+        "shadow_positions_m": tuple(lamp["position_m"] for lamp in lamps),
+        "shadow_shares": tuple(lamp["share"] for lamp in lamps),
+    }
 
 
 def read_illumination(source: Path | str) -> Illumination:

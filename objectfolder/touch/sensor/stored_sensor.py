@@ -9,6 +9,7 @@ from objectfolder.touch.sensor.sensor import Sensor
 
 LARGEST_M = 10.0
 MOST_LIGHTS = 64
+MOST_SHADOWS = 8  # lamps that cast some
 MOST_PIXELS = 1 << 14  # of a side
 MOST_RAYS = 3 << 20  # of an image: 900 MB while it is rendered
 # Lengths that are not 0, and other numbers with their ranges.
@@ -36,6 +37,13 @@ WHOLE = {
 }
 VECTORS = ("camera_position_m", "gel_apex_m", "housing_low_m", "housing_high_m")
 LIGHTS = {"light_positions_m": LARGEST_M, "light_colors": 1e6}
+# Of what a sensor need not have.
+OPTIONAL_LAMPS = {"shadow_positions_m": LARGEST_M, "shadow_shares": 1.0}
+OPTIONAL_RANGES = {
+    "shadow_lamp_height_m": (0.0, LARGEST_M),
+    "shadow_penumbra_m": (1e-6, LARGEST_M),
+    "background_blur_m": (0.0, LARGEST_M),
+}
 
 
 def stored_sensor(values: Mapping[str, Any], samples: int) -> Sensor:
@@ -54,15 +62,18 @@ def stored_sensor(values: Mapping[str, Any], samples: int) -> Sensor:
     if not isinstance(values, dict) or not isinstance(values.get("name"), str):
         raise FormatError("touch.sensor", "it has no name", REMEDY)
     checked = dict(values)
+    ranges = RANGES | {name: limits for name, limits in OPTIONAL_RANGES.items() if name in values}
+    lamps = LIGHTS | {name: limit for name, limit in OPTIONAL_LAMPS.items() if name in values}
     try:
-        for name, (low, high) in RANGES.items():
+        for name, (low, high) in ranges.items():
             checked[name] = number(f"touch.sensor.{name}", values[name], low, high)
         for name, (least, most) in WHOLE.items():
             checked[name] = whole_number(f"touch.sensor.{name}", values[name], least, most)
         for name in VECTORS:
             checked[name] = numbers(f"touch.sensor.{name}", values[name], (3,), LARGEST_M).tolist()
-        for name, limit in LIGHTS.items():
-            count = whole_number(f"number of touch.sensor.{name}", len(values[name]), 0, MOST_LIGHTS)
+        for name, limit in lamps.items():
+            most = MOST_SHADOWS if name in OPTIONAL_LAMPS else MOST_LIGHTS
+            count = whole_number(f"number of touch.sensor.{name}", len(values[name]), 0, most)
             checked[name] = numbers(f"touch.sensor.{name}", values[name], (count, 3), limit).tolist()
         sensor = Sensor.from_dict(checked)
     except KeyError as error:
