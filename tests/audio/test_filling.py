@@ -301,6 +301,26 @@ def test_a_small_part_of_a_body_is_no_solid_of_it(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
+def test_a_solid_that_lacks_a_spike_is_doubted(monkeypatch: pytest.MonkeyPatch) -> None:
+    cube = trimesh.creation.box((1.0, 1.0, 1.0))
+    for _ in range(4):
+        cube = cube.subdivide()
+    vertices = np.asarray(cube.vertices)
+    tip = (np.abs(vertices[:, :2]).max(axis=1) < 0.1) & (vertices[:, 2] > 0.49)
+    vertices = vertices + np.where(tip[:, None], [0.0, 0.0, 0.6], 0.0)
+    part = box((4, 4, 4), (1, 1, 1))
+
+    def without_the_spike(surface: Surface, _: Envelope) -> dict[str, Any]:
+        low, side = surface.vertices.min(axis=0), np.ptp(surface.vertices, axis=0)[0]
+        placed = low + side * (part.vertices - part.vertices.min(axis=0))
+        return {"vertices": placed, "tetrahedra": part.tetrahedra, "faces": 12, "moved": 0.0, "edge": 0.1}
+
+    monkeypatch.setattr(filling, "run_tetwild", without_the_spike)
+    (doubt,) = fill(Surface(vertices, np.asarray(cube.faces))).report["doubts"]
+    assert "of the surface is farther from it than its wall is thick" in doubt
+
+
+@pytest.mark.slow
 def test_what_takes_too_much_memory_is_said() -> None:
     """Three hundred triangles at random reach the limit within seconds."""
     triangles = Surface(np.random.default_rng(0).random((900, 3)) / 2, np.arange(900).reshape(-1, 3))
