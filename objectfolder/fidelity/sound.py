@@ -50,6 +50,7 @@ def measure_sound(file: ObjectFile, modes: Product) -> dict[str, Any]:
         "count_certificate": modes.attributes["count_certificate"],
         "training_points": int((~modes["held_out"]).sum()),
         "held_out_points": len(truth),
+        "damping": modes.attributes.get("damping"),
         "modes_table": [
             {
                 "frequency_hz": float(f),

@@ -149,6 +149,8 @@ def _record(name: str, old: Any, new: Any, around: Circumstances) -> Reason:
         return Reason(ROW, f"{after}.{field}" if after else field, old, new)
     if name == "material_citation":
         return Reason(ROW, f"{after}.citation" if after else "citation", note="its text changed")
+    if name == "loss_citation":
+        return Reason(ROW, f"{after}.{name}" if after else name, note="its text changed")
     if name == "roughness_um":
         return Reason(ROW, f"{after}.{name}" if after else name, old, new)
     if section == "appearance":

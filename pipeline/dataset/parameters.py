@@ -64,6 +64,7 @@ class AudioParameters:
     training_points: int
     held_out_points: int
     transfer: Literal["none", "multipole"] = "none"
+    damping: Literal["loss_factor", "rayleigh"] = "loss_factor"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

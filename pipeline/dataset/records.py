@@ -87,6 +87,7 @@ def write_records(root: Path, records: Records) -> None:
         "name",
         "material",
         "material_citation",
+        "loss_citation",
         "roughness_um",
         "appearance",
         "walls",
@@ -131,6 +132,7 @@ def parse_records(text: bytes) -> Records:
         for object_id, row in rows.items():
             if not SAFE_ID.fullmatch(object_id) or not isinstance(row, dict):
                 raise ValueError(f"{object_id!r} is no id, or has no record")
+            row.setdefault("loss_citation", "")  # records of earlier versions have none
         return Records(rows, tuple(Failure(**entry) for entry in content["refused"]))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise _unreadable(error) from error
@@ -148,13 +150,14 @@ def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
         "roughness": material.roughness if record.roughness is None else record.roughness,
         "metallic": material.metallic if record.metallic is None else record.metallic,
     }
-    elsewhere = (*appearance, *CONTACT_RANGES, "citation", "contact_citation")
+    elsewhere = (*appearance, *CONTACT_RANGES, "citation", "contact_citation", "loss_citation")
     physical = {key: value for key, value in asdict(material).items() if key not in elsewhere}
     return {
         **{name: getattr(record, name) for name in ("name", "mesh", "texture", "length_m", *STATED)},
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],
         "material": physical,
         "material_citation": material.citation,
+        "loss_citation": material.loss_citation,
         "roughness_um": material.roughness_um,
         "appearance": appearance,
         "walls": {"wall_m": record.wall_m, "shell_m": record.shell_m},

@@ -107,7 +107,7 @@ STAGES = {
                 ProductInput(TOUCHES),
             ),
             fields=(
-                *("name", "material", "material_citation", "roughness_um"),
+                *("name", "material", "material_citation", "loss_citation", "roughness_um"),
                 *("source", "licence", "attribution", "mass_kg"),
             ),
             packages=("embreex", "numba", "numpy", "scikit-image", "scipy", "torch", "zarr"),

@@ -25,6 +25,7 @@ def verify_object(request: Request) -> Timed:
         material={
             **record["material"],
             "citation": record["material_citation"],
+            "loss_citation": record["loss_citation"],
             "roughness_um": record["roughness_um"],
         },
     )

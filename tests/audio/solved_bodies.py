@@ -13,6 +13,7 @@ from bench.references.bodies import Body, constant
 from bench.references.cuboid import cuboid
 from bench.references.meridian import Path as Meridian
 from bench.references.meridian import Wall
+from objectfolder.audio.damping import LOSS_FACTOR
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
 from objectfolder.products.store import Product
@@ -70,7 +71,9 @@ def surface_of(solid: Solid) -> Surface:
     return Surface(solid.vertices, solid.boundary()[0])
 
 
-def bar_of_cells(scale: float = 1.0, max_modes: int = 256, **changes: float) -> Product:
+def bar_of_cells(
+    scale: float = 1.0, max_modes: int = 256, damping: str = LOSS_FACTOR, **changes: float
+) -> Product:
     """Return the modes of a ceramic bar of 72 tetrahedra, apart from the mesher."""
     solid = box((6, 2, 1), tuple(scale * side for side in CELLS_BAR_M))
     return modes_of_solid(
@@ -83,6 +86,7 @@ def bar_of_cells(scale: float = 1.0, max_modes: int = 256, **changes: float) -> 
         held_out_points=30,
         seed=0,
         accuracy_cents=20.0,
+        damping=damping,
     )
 
 

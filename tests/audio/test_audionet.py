@@ -240,9 +240,18 @@ def test_what_is_stored_answers_alike_and_damage_is_named(
         {**metadata, "kernel": {**metadata["kernel"], "length": -1}},
         {**metadata, "kernel": {"width": 1}},
         {**metadata, "modes": "many"},
+        {**metadata, "damping": {"law": "viscous"}},
+        {**metadata, "damping": {"law": "loss_factor", "loss_factor": "much"}},
     ):
         with pytest.raises(FormatError, match="audio"):
             AudioNet.from_tensors(tensors, changed, surface)
+    # A file of before there were laws states none.
+    older = {name: value for name, value in metadata.items() if name != "damping"}
+    assert AudioNet.from_tensors(tensors, older, surface).damping == {"law": "rayleigh"}
+    stated = {"law": "loss_factor", "loss_factor": 1e-3, "loss_exponent": 0.0}
+    assert AudioNet.from_tensors(tensors, metadata | {"damping": stated}, surface).damping == stated
+    omega = np.sqrt(net.eigenvalues)
+    np.testing.assert_allclose(net.loss_factors, (3 / omega + 5e-8 * omega) * 2, rtol=1e-12)
 
 
 @pytest.mark.slow

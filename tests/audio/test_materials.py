@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.audio.materials import find_material, read_materials
+from objectfolder.audio.damping import RAYLEIGH, LossFactor, Rayleigh, damping_of
+from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.errors import InputError
 
 TABLE = Path(__file__).parents[2] / "data" / "materials.csv"
@@ -19,7 +20,8 @@ def test_the_seven_materials_of_the_papers() -> None:
     assert (steel.density_kg_m3, steel.youngs_modulus_pa, steel.poisson_ratio) == (7850, 2e11, 0.29)
     assert (steel.rayleigh_alpha_per_s, steel.rayleigh_beta_s) == (5, 3e-8)
     assert steel.shear_speed_m_s == pytest.approx(3142.464, rel=1e-6)
-    assert all(material.citation for material in materials.values())
+    assert all(material.citation and material.loss_citation for material in materials.values())
+    assert (steel.loss_factor, steel.loss_exponent) == (3e-4, 0)
 
 
 def test_an_unknown_material_names_the_place_and_the_known_ones() -> None:
@@ -37,6 +39,10 @@ def test_an_impossible_value_names_file_row_and_column(subtests: pytest.Subtests
         ("youngs_modulus_pa", "nan"),
         ("youngs_modulus_pa", "inf"),
         ("rayleigh_beta_s", "-1e-7"),
+        ("rayleigh_beta_s", ""),
+        ("loss_factor", "2"),
+        ("loss_factor", ""),
+        ("loss_exponent", "1.1"),
         ("roughness", "1.5"),
         ("metallic", "shiny"),
         ("roughness_um", "-1"),
@@ -64,3 +70,35 @@ def test_missing_columns_doubles_and_files_are_named(tmp_path: Path) -> None:
         read_materials(path)
     with pytest.raises(InputError, match="cannot be read"):
         read_materials(tmp_path / "none.csv")
+
+
+def test_a_table_of_either_law_is_read_and_one_of_neither_is_not(tmp_path: Path) -> None:
+    """Without a loss factor a row of Rayleigh's two is damped by them; a loss factor alone is enough."""
+    given = {
+        "name": "gold",
+        "density_kg_m3": 19300,
+        "youngs_modulus_pa": 7.9e10,
+        "poisson_ratio": 0.44,
+        "roughness": 0.2,
+        "metallic": 1,
+        "citation": "",
+    }
+    path = tmp_path / "materials.csv"
+
+    def read(**damping: float) -> Material:
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, [*given, *damping])
+            writer.writeheader()
+            writer.writerow(given | damping)
+        return read_materials(path)["gold"]
+
+    old = read(rayleigh_alpha_per_s=5, rayleigh_beta_s=1e-7)
+    assert damping_of(old) == damping_of(old, RAYLEIGH) == Rayleigh(5, 1e-7)
+    own = read(loss_factor=3e-4)
+    assert damping_of(own) == LossFactor(3e-4)
+    with pytest.raises(InputError, match="material gold: it states no rayleigh_alpha_per_s"):
+        damping_of(own, RAYLEIGH)
+    with pytest.raises(InputError, match=r"materials\.csv, row 2: loss_factor is missing"):
+        read()
+    with pytest.raises(ValueError, match="damping 'viscous': use one of loss_factor, rayleigh"):
+        damping_of(own, "viscous")

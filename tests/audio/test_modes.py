@@ -48,10 +48,30 @@ def test_the_product_says_what_it_holds(bar: Product, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again["mode_shapes"], bar["mode_shapes"])
 
 
-def test_damping_is_rayleighs(bar: Product) -> None:
+def test_damping_is_rayleighs_where_no_loss_factor_is_stated(bar: Product) -> None:
     eigenvalues, dampings = bar["eigenvalues"], bar["dampings_per_s"]
-    np.testing.assert_allclose(dampings, (6 + 1e-7 * eigenvalues) / 2)
+    np.testing.assert_array_equal(dampings, (6 + 1e-7 * eigenvalues) / 2)
     np.testing.assert_allclose(bar["frequencies_hz"], np.sqrt(eigenvalues - dampings**2) / (2 * np.pi))
+    assert bar.attributes["damping"] == {"law": "rayleigh", "alpha_per_s": 6.0, "beta_s": 1e-7}
+
+
+@pytest.mark.parametrize("exponent", [0.0, -0.3])
+def test_a_loss_factor_damps_in_proportion_to_frequency(bar: Product, exponent: float) -> None:
+    """c = eta omega / 2, eta a power of the undamped frequency over 1 kHz; the modes stay what they are."""
+    lossy = bar_of_cells(loss_factor=2e-3, loss_exponent=exponent)
+    eigenvalues = bar["eigenvalues"]
+    undamped_hz = np.sqrt(eigenvalues) / (2 * np.pi)
+    expected = np.pi * undamped_hz * 2e-3 * (undamped_hz / 1000) ** exponent
+    np.testing.assert_array_equal(lossy["eigenvalues"], eigenvalues)
+    np.testing.assert_allclose(lossy["dampings_per_s"], expected, rtol=1e-12)
+    stated = {"law": "loss_factor", "loss_factor": 2e-3, "loss_exponent": exponent}
+    assert lossy.attributes["damping"] == stated
+
+
+def test_the_papers_law_is_an_option_to_the_bit(bar: Product) -> None:
+    papers = bar_of_cells(damping="rayleigh", loss_factor=2e-3)
+    np.testing.assert_array_equal(papers["dampings_per_s"], bar["dampings_per_s"])
+    assert papers.attributes["damping"] == bar.attributes["damping"]
 
 
 def test_mode_shapes_have_unit_modal_mass(bar: Product) -> None:

@@ -127,9 +127,18 @@ def test_citation_of_a_material(workshop):
     assert stages_of(found, "dish") == ({"fidelity"}, set())
 
 
+def test_loss_factor_of_a_material_and_its_citation(workshop):
+    workshop.edit("data/materials.csv", ',0.005,0,"chip board', ',0.006,0,"chipboard')
+    found = audit_of_change(workshop)
+    stages = reasons_by_stage(found, "dish")
+    assert stages["modes"] == {(ROW, "wood.loss_factor")}
+    assert (ROW, "wood.loss_citation") in stages["fidelity"]
+
+
 PARAMETERS = [
     ("    vision:\n      resolution: 128", "    vision:\n      resolution: 64", "vision.resolution", "views"),
     ("accuracy_cents: 5.0", "accuracy_cents: 6.0", "audio.accuracy_cents", "modes"),
+    ("damping: loss_factor #", "damping: rayleigh #", "audio.damping", "modes"),
     ("      touches: 100\n", "      touches: 90\n", "touch.touches", "touches"),
     ("contact: rigid # as TACTO", "contact: elastic # as TACTO", "touch.contact", "touches"),
     ("threshold_m: null #", "threshold_m: 0.002 #", "collision.threshold_m", "collision"),

@@ -273,8 +273,8 @@ def test_damaged_truth_leaves_the_page_with_what_there_is(tmp_path: Path) -> Non
     assert table
     rows = [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", table[1])]
     assert len(rows) == 28
-    assert {row[4] for row in rows} == {"3.000"}, "errors of modes need the Object File alone"
-    assert {row[6] for row in rows} == {"\N{EN DASH}"}, "the solver's own error is the modes' product's"
+    assert {row[5] for row in rows} == {"3.000"}, "errors of modes need the Object File alone"
+    assert {row[7] for row in rows} == {"\N{EN DASH}"}, "the solver's own error is the modes' product's"
 
 
 def whole(path: Path, **arrays: np.ndarray) -> None:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import zipfile
 from pathlib import Path
 
@@ -148,6 +149,8 @@ def test_errors_of_modes_are_those_of_the_file(tmp_path: Path) -> None:
     assert [row.error_cents for row in rows] == pytest.approx([3.0] * len(rows), abs=1e-6)
     assert rows[0].damping_error == pytest.approx(6.0 / truth[0]["damping_per_s"] - 1)
     assert rows[0].solver_error_cents == 1.5
+    undamped = math.hypot(2 * math.pi * truth[0]["frequency_hz"], truth[0]["damping_per_s"])
+    assert rows[0].loss_factor == pytest.approx(2 * truth[0]["damping_per_s"] / undamped)
     assert np.isnan(rows[1].solver_error_cents)
     write_modes(tmp_path, "cube", [100.0])
     rows = modal_table(ObjectProducts(tmp_path, "cube"), attributes)

@@ -20,6 +20,7 @@ def row(name: str, licence: str = "CC0-1.0", attribution: str = "A. Maker", sour
         "name": name,
         "material": {"name": "steel"},
         "material_citation": "a book",
+        "loss_citation": "another book",
         "roughness_um": 0.8,
         "appearance": {"roughness": 0.4, "metallic": 1.0},
         "walls": {"wall_m": None, "shell_m": None},

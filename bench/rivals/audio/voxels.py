@@ -13,6 +13,7 @@ from scipy import ndimage, sparse
 
 from bench.record import Stopwatch
 from bench.rivals.audio.voxel_grid import VoxelGrid, voxelise
+from objectfolder.audio.damping import RAYLEIGH, damping_of
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.eigen import DENSE, Pencil, count_below, lowest_elastic, rigid_motions
 from objectfolder.errors import SimulationError
@@ -102,7 +103,7 @@ def voxel_modes(
     with watch.step("solve"):
         values, vectors, limit = _together(bodies, len(nodes), limit, max_modes)
     eigenvalues = values * radians**2
-    dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
+    dampings = damping_of(material, RAYLEIGH).decay_rates(eigenvalues)
     volume = len(hexahedra) * grid.edge_m**3
     enclosed = _enclosed_volume(surface)
     return VoxelModes(

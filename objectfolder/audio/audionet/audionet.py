@@ -8,6 +8,7 @@ numpy.
 """
 
 import html
+import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cached_property
@@ -24,6 +25,7 @@ from objectfolder.audio.audionet.surface_kernel import (
     solve_triangular,
     triangular_factor,
 )
+from objectfolder.audio.damping import LAWS, RAYLEIGH
 from objectfolder.errors import FormatError
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.products.matrix_coding import unpack_matrix
@@ -86,18 +88,33 @@ class AudioNet:
         return np.sqrt(np.maximum(self.eigenvalues - self.dampings_per_s**2, 0.0)) / (2 * np.pi)
 
     @property
+    def loss_factors(self) -> Floats:
+        """Loss factor of each mode (modes,): eta = 2 c / omega at its undamped frequency."""
+        return 2 * self.dampings_per_s / np.sqrt(np.maximum(self.eigenvalues, 1e-300))
+
+    @property
+    def t60_s(self) -> Floats:
+        """Time in which each mode falls by 60 dB (modes,), seconds; infinite without damping."""
+        with np.errstate(divide="ignore"):
+            return 3 * np.log(10) / self.dampings_per_s
+
+    @property
+    def damping(self) -> dict[str, Any]:
+        """Law of the dampings, and its numbers; Rayleigh's where an older file states none."""
+        return dict(self._metadata.get("damping") or {"law": RAYLEIGH})
+
+    @property
     def absent(self) -> str | None:
         """Why the object has no sound at all; None where it has modes, or none in the band."""
         reason = self._metadata.get("absent")
         return None if reason is None else str(reason)
 
     def _repr_html_(self) -> str:
-        """Return the lowest modes for a notebook: frequency, and the time in which it falls by 60 dB."""
-        fall_s = 3 * np.log(10) / np.maximum(self.dampings_per_s, 1e-300)
-        listed = list(zip(self.frequencies_hz, fall_s, strict=True))[:MOST_SHOWN]
-        rows = "".join(f"<tr><td>{hertz:.1f}<td>{seconds:.3g}" for hertz, seconds in listed)
+        """Return the lowest modes for a notebook: frequency, time in which it falls by 60 dB, loss factor."""
+        listed = list(zip(self.frequencies_hz, self.t60_s, self.loss_factors, strict=True))[:MOST_SHOWN]
+        rows = "".join(f"<tr><td>{hertz:.1f}<td>{fall_s:.3g}<td>{eta:.2g}" for hertz, fall_s, eta in listed)
         said = html.escape(self.absent or f"{len(self.frequencies_hz)} modes")
-        return f"<div>{said}</div><table><tr><th>Hz<th>T60, s{rows}</table>"
+        return f"<div>{said}</div><table><tr><th>Hz<th>T60, s<th>loss factor{rows}</table>"
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return what is stored, keys ``audio.*``."""
@@ -120,6 +137,7 @@ class AudioNet:
             says, with values that cannot be, or damaged.
         """
         points, modes, dimensions = _counts(metadata)
+        _check_damping(metadata.get("damping"))
         known = _tensors_of(tensors, points, modes)
         if metadata.get("transfer") is not None:
             known.update((name, tensors[name]) for name in TRANSFER_TENSORS if name in tensors)
@@ -233,6 +251,17 @@ class AudioNet:
         factor = triangular_factor(self._kernel.covariance(centres, centres), self._kernel.parameters.ridge)
         coefficients = self._quantised[: len(faces)] * float(self._tensors["audio.step"][0])
         return centres, solve_triangular(factor, coefficients)
+
+
+def _check_damping(stated: Any) -> None:
+    """Refuse a law that is none; older files state none."""
+    if stated is None:
+        return
+    if not (isinstance(stated, Mapping) and stated.get("law") in LAWS):
+        finding = f"audio metadata: damping {reprlib.repr(stated)}"
+        raise FormatError("Object File", finding, f"Its law is one of {', '.join(LAWS)}.")
+    for name in set(stated) - {"law"}:
+        number(f"audio.damping.{name}", stated[name], -LARGEST_VALUE, LARGEST_VALUE)
 
 
 def _counts(metadata: Mapping[str, Any]) -> tuple[int, int, int]:

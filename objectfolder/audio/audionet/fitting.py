@@ -120,6 +120,7 @@ def fit_audionet(
         "training_points": len(values),
         "validation_error_db": None,
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
+        "damping": modes.attributes.get("damping"),
         "amplitude": "impulse N s . gains -> velocity of each mode, m/s over kg^1/2",
         **described,
     }

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.air.multipoles import radiation_arrays
 from objectfolder.audio.air.radiation import radiate
+from objectfolder.audio.damping import LOSS_FACTOR, LossFactor, Rayleigh, damping_of, describe_damping
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
@@ -61,6 +62,7 @@ def simulate_modes(
     time_limit_s: float = TIME_LIMIT_S,
     memory_limit_gb: float = MEMORY_LIMIT_GB,
     transfer: str = NO_TRANSFER,
+    damping: str = LOSS_FACTOR,
     seconds: dict[str, float] | None = None,
 ) -> Product:
     """Fill a surface and solve every elastic mode below a frequency.
@@ -77,13 +79,15 @@ def simulate_modes(
         What errors call the surface.
     max_frequency_hz, max_modes, training_points, held_out_points, seed, accuracy_cents, highest_order
         As for `modes_of_solid`, and so is the product.
-    max_unknowns, time_limit_s, memory_limit_gb, transfer, seconds
+    max_unknowns, time_limit_s, memory_limit_gb, transfer, damping, seconds
         As for `modes_of_solid`.
 
     Raises
     ------
     ValueError
-        `highest_order` is none of 3, 4 and 5.
+        `highest_order` is none of 3, 4 and 5, or `damping` no law.
+    InputError
+        A material that does not state what Rayleigh's law needs.
     SimulationError
         No solid came of the surface, or the modes found fail the count.
 
@@ -98,6 +102,7 @@ def simulate_modes(
     [2750.0]
     """
     _check_order(highest_order)
+    damping_of(material, damping)  # refused before anything is filled
     started = _cpu_seconds()
     surface = Surface(surface.vertices, surface.faces)  # normals of a source are made to be seen by
     waves = waves_of(material, max_frequency_hz, max_modes)
@@ -108,7 +113,8 @@ def simulate_modes(
         surface, solid, material, max_frequency_hz=max_frequency_hz, max_modes=max_modes,
         training_points=training_points, held_out_points=held_out_points, seed=seed,
         accuracy_cents=accuracy_cents, highest_order=highest_order, max_unknowns=max_unknowns,
-        time_limit_s=time_limit_s, memory_limit_gb=memory_limit_gb, transfer=transfer, seconds=seconds,
+        time_limit_s=time_limit_s, memory_limit_gb=memory_limit_gb, transfer=transfer, damping=damping,
+        seconds=seconds,
     )  # fmt: skip
 
 
@@ -136,6 +142,7 @@ def modes_of_solid(
     time_limit_s: float = TIME_LIMIT_S,
     memory_limit_gb: float = MEMORY_LIMIT_GB,
     transfer: str = NO_TRANSFER,
+    damping: str = LOSS_FACTOR,
     seconds: dict[str, float] | None = None,
 ) -> Product:
     """Elastic modes of a solid, given at points of a surface.
@@ -158,6 +165,9 @@ def modes_of_solid(
     transfer
         ``multipole``: the way of each mode through the air is solved as well, see
         `objectfolder.audio.air.radiation`; ``none``.
+    damping
+        The law of `objectfolder.audio.damping`: ``loss_factor``, or ``rayleigh`` as in the papers. A material
+        without a loss factor is damped by Rayleigh's; attribute ``damping`` states the law.
     seconds
         Filled with the CPU seconds of each step, child processes included.
 
@@ -170,13 +180,16 @@ def modes_of_solid(
     Raises
     ------
     ValueError
-        `highest_order` is none of 3, 4 and 5.
+        `highest_order` is none of 3, 4 and 5, or `damping` no law.
+    InputError
+        A material that does not state what Rayleigh's law needs.
     UnsolvableError
         It takes more memory, or more than `max_unknowns` of order 2, on any machine.
     SimulationError
         It takes more than `time_limit_s`.
     """
     _check_order(highest_order)
+    decay = damping_of(material, damping)
     started = _cpu_seconds()
     units = _Units.of(solid, material)
     space, bent = space_on(solid, highest_order, units.length_m, bend=True)
@@ -190,7 +203,7 @@ def modes_of_solid(
     boundary = Boundary(solid, spectrum.space, units.length_m)
     vectors = _canonical(spectrum, boundary)
     shapes = boundary, vectors
-    arrays, attributes = _read(surface, solid, material, spectrum, units, shapes, counts, seed)
+    arrays, attributes = _read(surface, solid, material, decay, spectrum, units, shapes, counts, seed)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
     attributes["count_certificate"].update(_near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
     attributes.update(_wish(accuracy_cents, attributes["error_estimate_cents"]))
@@ -232,6 +245,7 @@ def _read(
     surface: Surface,
     solid: Solid,
     material: Material,
+    damping: LossFactor | Rayleigh,
     spectrum: Spectrum,
     units: _Units,
     shaped: tuple[Boundary, Floats],
@@ -250,7 +264,7 @@ def _read(
     volume_m3 = spectrum.volume * units.length_m**3
     wall_m = 2 * volume_m3 / boundary.surface.area
     arrays = {
-        **_spectrum_arrays(spectrum, material, units, weights),
+        **_spectrum_arrays(spectrum, damping, units, weights),
         **_shape_arrays(points, normals, shapes / np.sqrt(units.mass_kg), counts[0]),
     }
     attributes: dict[str, Any] = {
@@ -268,6 +282,7 @@ def _read(
         "effective_wall_thickness_m": wall_m,
         "transfer_distance_max_m": float(distance.max(initial=0.0)),
         "material": material.name,
+        "damping": describe_damping(damping),
     }
     return arrays, attributes
 
@@ -309,15 +324,15 @@ def _shape_arrays(points: Floats, normals: Floats, shapes: Floats, training: int
 
 
 def _spectrum_arrays(
-    spectrum: Spectrum, material: Material, units: _Units, weights: Floats
+    spectrum: Spectrum, damping: LossFactor | Rayleigh, units: _Units, weights: Floats
 ) -> dict[str, Array]:
     """What the product says of each mode; error estimates are NaN where nothing is known.
 
-    With lambda = omega^2 and the damping c = (alpha + beta lambda) / 2 the damped frequency is
+    With lambda = omega^2 and the decay rate c that the law gives it the damped frequency is
     sqrt(lambda - c^2) / 2 pi, and 0 where the mode does not ring.
     """
     eigenvalues = spectrum.eta_squared * units.radians_per_s**2
-    dampings = (material.rayleigh_alpha_per_s + material.rayleigh_beta_s * eigenvalues) / 2
+    dampings = damping.decay_rates(eigenvalues)
     frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi)
     errors = spectrum.error_cents if len(spectrum.error_cents) else np.full(len(eigenvalues), np.nan)
     return {

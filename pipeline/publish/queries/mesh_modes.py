@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
+from objectfolder.audio.damping import LOSS_FACTOR
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
@@ -50,6 +51,7 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         accuracy_cents=wanted.accuracy_cents,
         wall_m=wanted.wall_m,
         shell_m=wanted.shell_m,
+        damping=wanted.damping,
         training_points=POINTS,
         held_out_points=POINTS,
         seed=wanted.seed,
@@ -66,7 +68,8 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     )
     return {
         "material": material.name,
-        **_ringing(modes["frequencies_hz"], modes["dampings_per_s"]),
+        "damping": modes.attributes["damping"],
+        **_ringing(modes["frequencies_hz"], modes["dampings_per_s"], modes["eigenvalues"]),
         "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
         **{name: modes.attributes[name] for name in said},
@@ -75,13 +78,16 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     }
 
 
-def _ringing(frequencies_hz: np.ndarray, dampings_per_s: np.ndarray) -> dict[str, Any]:
-    """Return frequencies, dampings and the times after which modes are 60 dB down, as JSON has them."""
+def _ringing(
+    frequencies_hz: np.ndarray, dampings_per_s: np.ndarray, eigenvalues: np.ndarray
+) -> dict[str, Any]:
+    """Return frequencies, dampings, loss factors and times for 60 dB of the modes, as JSON has them."""
     dampings = dampings_per_s.tolist()
     return {
         "frequencies_hz": frequencies_hz.tolist(),
         "dampings_per_s": dampings,
         "t60_s": [math.log(1000) / damping if damping > 0 else None for damping in dampings],
+        "loss_factors": (2 * dampings_per_s / np.sqrt(eigenvalues)).tolist(),
     }
 
 
@@ -89,7 +95,8 @@ def _stored_modes(file: ObjectFile) -> dict[str, Any]:
     said = file.description
     return {
         "material": said["material"]["name"] if said["material"] else "unknown material",
-        **_ringing(file.modes.frequencies_hz, file.modes.dampings_per_s),
+        "damping": file.modes.damping,
+        **_ringing(file.modes.frequencies_hz, file.modes.dampings_per_s, file.modes.eigenvalues),
         "frequency_limit_hz": said["audio"]["frequency_limit_hz"],
         "error_estimate_cents": ((said["fidelity"] or {}).get("audio") or {}).get(
             "solver_error_estimate_cents"
@@ -102,7 +109,7 @@ def _columns(shown: dict[str, list[float | None]]) -> list[str]:
     count = len(next(iter(shown.values())))
     cells = [["", *map(str, range(count))]]
     cells += [
-        [name, *("unknown" if value is None else f"{value:.2f}" for value in values)]
+        [name, *("unknown" if value is None else _cell(name, value) for value in values)]
         for name, values in shown.items()
     ]
     widths = [max(map(len, column)) for column in cells]
@@ -112,14 +119,25 @@ def _columns(shown: dict[str, list[float | None]]) -> list[str]:
     ]
 
 
+def _cell(name: str, value: float) -> str:
+    return f"{value:.2g}" if name == "loss_factors" else f"{value:.2f}"
+
+
+def _damping_line(stated: dict[str, Any]) -> str:
+    numbers = ", ".join(f"{name} {value:g}" for name, value in stated.items() if name != "law")
+    law = "eta(f) of its material" if stated["law"] == LOSS_FACTOR else "Rayleigh's law"
+    return f"damping: {law}" + (f" ({numbers})" if numbers else "")
+
+
 def modes_table(result: dict[str, Any]) -> str:
     """Return the result of `solve_modes` for people."""
     count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
     lines = [f"{count} modes below {limit_hz:.0f} Hz in {result['material']}"]
     if count:
-        columns = ("frequencies_hz", "dampings_per_s", "t60_s", "error_estimates_cents")
+        columns = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
         shown = {name: result[name] for name in columns if name in result}
         lines += _columns(shown)
+    lines.append(_damping_line(result["damping"]))
     if "count_certificate" not in result:
         cents = result["error_estimate_cents"]
         return "\n".join([*lines, f"error: {'unknown' if cents is None else f'about {cents:.1f} cents'}"])

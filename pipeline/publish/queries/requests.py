@@ -156,6 +156,8 @@ class ModesOfMesh:
         least thickness of walls in metres, where a scan fused them
     shell_m
         wall of a vessel that was scanned solid, metres
+    damping
+        law of the dampings: loss_factor, or rayleigh as in the papers
     seed
         of the points
     """
@@ -168,6 +170,7 @@ class ModesOfMesh:
     accuracy_cents: float = 5.0
     wall_m: float | None = None
     shell_m: float | None = None
+    damping: Literal["loss_factor", "rayleigh"] = "loss_factor"
     seed: int = 0
 
 

@@ -209,14 +209,15 @@ def _origins(products: ObjectProducts) -> list[dict[str, Any]]:
     return found
 
 
-def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str]:
-    """Return the material's numbers, and where they come from, as the fidelity product names them."""
+def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str, str]:
+    """Return the material's numbers, and where they and its loss factor come from, as fidelity names them."""
     stated = fidelity.get("provenance")
     record = stated.get("record") if isinstance(stated, Mapping) else None
     if not isinstance(record, Mapping):
-        return {}, ""
+        return {}, "", ""
     material = record.get("material")
-    return material if isinstance(material, Mapping) else {}, str(record.get("material_citation") or "")
+    citation, loss_citation = (str(record.get(name) or "") for name in ("material_citation", "loss_citation"))
+    return material if isinstance(material, Mapping) else {}, citation, loss_citation
 
 
 @cache

@@ -265,6 +265,7 @@ class ModeRow(NamedTuple):
     frequency_hz: float
     damping_per_s: float
     t60_s: float
+    loss_factor: float  # NaN where it does not ring
     error_cents: float
     damping_error: float  # relative
     solver_error_cents: float
@@ -291,7 +292,9 @@ def modal_table(products: ObjectProducts, attributes: Mapping[str, Any]) -> list
         estimates = products.arrays("modes", "error_estimates_cents")["error_estimates_cents"]
     with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping has no relative error
         errors = cents(frequencies, frequency), dampings / damping - 1
-    columns = (frequency, damping, t60, *errors, _of_length(len(truth), estimates))
+    undamped = np.hypot(2 * math.pi * np.where(frequency > 0, frequency, np.nan), damping)
+    loss_factor = 2 * damping / undamped
+    columns = (frequency, damping, t60, loss_factor, *errors, _of_length(len(truth), estimates))
     return [ModeRow(*map(float, row)) for row in zip(*columns, strict=True)]
 
 
