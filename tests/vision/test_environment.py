@@ -1,4 +1,4 @@
-"""Environments: maps and their sums, furnaces, suns, crops, and Cycles under the same sky."""
+"""Environments: maps and their sums, furnaces, suns and crops."""
 
 from types import SimpleNamespace
 
@@ -7,19 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from small_visionnets import drawn_visionnet, rendered_by
-from test_visionnet import psnr
 from vision_shapes import cube
 
 from objectfolder.errors import QueryError
-from objectfolder.surface.frames import UnitFrame
-from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
 from objectfolder.vision.compiled.surroundings import Cast, Surroundings, lobe_directions, looked_up
-from objectfolder.vision.environment import NAMES, Environment, named_map, pixel_directions
-from objectfolder.vision.truth.cycles_process import render_in_children
-from objectfolder.vision.truth.render_request import Scene, Shots, unit_scene
-from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.environment import Environment, pixel_directions
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 CAMERAS = look_at(np.array([[1.5, -1.7, 1.0], [-1.2, 0.9, -1.8]]))
@@ -164,39 +157,3 @@ def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) 
     black = net.render(CAMERAS, Environment.of(np.zeros((4, 8, 3))), 16, 39.6)
     assert black[..., 3].any()
     assert not black[..., :3].any()
-
-
-@pytest.fixture(scope="module")
-def matt_cube() -> tuple[VisionNet, Scene]:
-    """A cube's fit, and what Cycles renders of it."""
-    mesh, matt = cube(), Appearance(roughness=0.9, metallic=0.0)
-    views = simulate_views(
-        mesh,
-        matt,
-        resolution=48,
-        training_views=60,
-        training_samples=32,
-        held_out_views=2,
-        held_out_samples=32,
-    )
-    frame = UnitFrame.of_points(mesh.vertices)
-    fitted = fit_visionnet(mesh.surface, frame, views, steps=600, batch_pixels=512, grid_resolution=32)
-    return fitted, unit_scene(mesh, matt, frame)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [NAMES[0], *(pytest.param(name, marks=pytest.mark.release("objectfolder.vision")) for name in NAMES[1:])],
-)
-def test_a_fitted_cube_in_an_environment_is_as_cycles_shows_it(
-    matt_cube: tuple[VisionNet, Scene], name: str
-) -> None:
-    fitted, scene = matt_cube
-    shots = Shots(CAMERAS, np.ones((2, 3)), np.arange(2), 256, 48, 48, 39.6, environment=named_map(name))
-    truth = render_in_children(scene, shots).astype(np.float32)
-    answer = fitted.render(CAMERAS, Environment.of(name), 48, 39.6)
-    assert psnr(truth, answer) > 32
-    # Another light is another picture.
-    wrong = fitted.render(CAMERAS, Environment.of(named_map(name)[:, ::-1]), 48, 39.6)
-    assert psnr(truth, wrong) < psnr(truth, answer) - 4

@@ -10,17 +10,21 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white
+from objectfolder.vision.environment import NAMES, Environment, named_map
+from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.render_request import Shots, unit_scene
 from objectfolder.vision.truth.views import simulate_views
 from objectfolder.vision.visionnet.fitting import fit_visionnet
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
+MATT = Appearance(roughness=0.9, metallic=0.0)
 TINY = {"steps": 300, "batch_pixels": 512, "grid_resolution": 32}
 
 
 @pytest.fixture(scope="module")
 def views() -> Product:
     return simulate_views(
-        cube(), Appearance(), resolution=40, training_views=30, training_samples=16,
+        cube(), MATT, resolution=40, training_views=30, training_samples=16,
         held_out_views=6, held_out_samples=64, seed=1,
     )  # fmt: skip
 
@@ -52,6 +56,23 @@ def test_held_out_views_are_far_better_than_the_trivial_answers(views, fitted):
     )
     np.testing.assert_allclose(answer[..., 3:], alpha, atol=0.15)
     assert psnr(truth, answer) > max(34.0, trivial + 10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [NAMES[0], *(pytest.param(name, marks=pytest.mark.release("objectfolder.vision")) for name in NAMES[1:])],
+)
+def test_in_an_environment_it_is_as_cycles_shows_it(views, fitted, name):
+    cameras = look_at(np.array([[1.5, -1.7, 1.0], [-1.2, 0.9, -1.8]]))
+    scene = unit_scene(cube(), MATT, UnitFrame.from_dict(views.attributes["frame"]))
+    shots = Shots(cameras, np.ones((2, 3)), np.arange(2), 128, 40, 40, 39.6, environment=named_map(name))
+    truth = render_in_children(scene, shots).astype(np.float32)
+    answer = fitted.render(cameras, Environment.of(name), 40, 39.6)
+    assert psnr(truth, answer) > 32
+    # Another light is another picture.
+    wrong = fitted.render(cameras, Environment.of(named_map(name)[:, ::-1]), 40, 39.6)
+    assert psnr(truth, wrong) < psnr(truth, answer) - 4
 
 
 def test_the_truth_of_held_out_views_plays_no_part_in_the_fit(views):
