@@ -6,9 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hostile_files import HOSTILE
+from hard_meshes import GltfWriter, box_primitive
+from hostile_files import HOSTILE, png_of
 from mutations import OBJECTS, write_mutated
 from reading_process import read_in_processes
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.readers import textures
+from objectfolder.mesh.readers.load import load_mesh
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="bounds of memory are set as Linux has them")
 
@@ -64,9 +69,21 @@ def test_files_that_ask_for_too_much(tmp_path):
     outcomes = {one["name"]: one["outcome"] for one in held(objects)}
     assert outcomes["deep nodes"] == "mesh"
     assert outcomes["nodes that double"] == "refused"
-    assert outcomes["many textures"] == "refused"
     assert outcomes["PNG of 8192 x 8192, black"] == "mesh"
     assert outcomes["PNG of 12000 x 11000, black"] == "refused"
+
+
+def test_textures_that_are_too_large_together_are_refused(tmp_path, monkeypatch):
+    writer = GltfWriter()
+    for index in range(4):
+        material = writer.material(png_of(100, 100) + bytes([index]))
+        writer.node(mesh=writer.mesh(box_primitive(writer, material=material)))
+    mesh = writer.write(tmp_path / "model.glb")
+    monkeypatch.setattr(textures, "MOST_BYTES", 4 * 100 * 100 * 4)
+    load_mesh(mesh)
+    monkeypatch.setattr(textures, "MOST_BYTES", 4 * 100 * 100 * 4 - 1)
+    with pytest.raises(InputError, match="its textures take more than 159999 bytes in all"):
+        load_mesh(mesh)
 
 
 def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
