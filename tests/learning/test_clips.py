@@ -30,25 +30,25 @@ def read(path):
 @pytest.mark.slow
 def test_a_mug_is_seen_to_rise_heard_to_be_touched_and_felt(held, tmp_path, monkeypatch):
     monkeypatch.setattr(clips, "AFTER_S", 0.1)
-    for module in (clips, clip):
-        monkeypatch.setattr(module, "FRAMES_PER_S", 15)
     world, grasp = held[0]["mug"], Grasp(0.3, 0.0, 0.0, held[1]["mug"])
     lost = Grasp(0.3, 0.0, 0.0, 0.2 * grasp.force_n)
-    for name, grasps in {"held": [grasp], "lost": [grasp, lost]}.items():
+    for name, grasps, frames_per_s in (("held", [grasp], 10), ("lost", [grasp, lost], 5)):
+        for module in (clips, clip):
+            monkeypatch.setattr(module, "FRAMES_PER_S", frames_per_s)
         write_film(tmp_path / f"{name}.mp4", world, example("mug"), grasps)
         assert (world.risen_share >= HELD_SHARE) == (name == "held")
     images, sound = read(tmp_path / "held.mp4")
     assert images.shape[1:] == (*RESOLUTION, 3)
     gels = images[:, :, PIXELS:]
-    assert abs(gels[6] - gels[0]).max() > 20, "pressed"
-    assert abs(gels[6] - gels[5]).mean() < 1, "and held"
+    assert abs(gels[4] - gels[0]).max() > 20, "pressed"
+    assert abs(gels[4] - gels[3]).mean() < 1, "and held"
     seen = images[:, :, :PIXELS]
-    assert abs(seen[-1] - seen[4]).max() > 100, "lifted"
+    assert abs(seen[-1] - seen[3]).max() > 100, "lifted"
     loud = np.flatnonzero(abs(sound) > 0.1 * abs(sound).max()) / SAMPLE_RATE_HZ
     assert loud[0] < 0.1, "touched at once"
     assert np.median(loud) < 0.3, "then it rings"
     longer, _ = read(tmp_path / "lost.mp4")
-    assert len(longer) > len(images)
+    assert 2 * len(longer) > len(images)
     assert abs(longer[-1, :, :PIXELS] - seen[-1]).max() > 100
 
 
