@@ -62,16 +62,8 @@ def test_the_bowl_has_its_known_spectrum() -> None:
     assert found.families[0] == "n = 2"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [
-        ("bell", 29),
-        ("cup", 27),
-        pytest.param("glass", 56, marks=RELEASE),
-        pytest.param("plate", 82, marks=RELEASE),
-    ],
-)
+@RELEASE
+@pytest.mark.parametrize(("name", "count"), [("bell", 29), ("cup", 27), ("glass", 56), ("plate", 82)])
 def test_every_spectrum_is_converged(name: str, count: int) -> None:
     body = BODIES[name]()
     found = body.spectrum(MATERIALS[body.material], 20000.0)
