@@ -167,18 +167,6 @@ def test_walls_that_cannot_be_are_said_with_the_option(tmp_path, capsys):
     assert records(tmp_path / "t.csv")["jar"].shell_m == 0.004
 
 
-@pytest.mark.parametrize(
-    "first_word", [b"\x00\x01", b"solid nothing\n", b"ply\nformat ascii 1.0\nend_header\n"]
-)
-def test_files_that_hold_no_mesh_are_refused(tmp_path, capsys, first_word):
-    for suffix in (".stl", ".ply", ".glb", ".gltf", ".obj", ".txt"):
-        path = tmp_path / f"cup{suffix}"
-        path.write_bytes(first_word)
-        assert add(path, tmp_path / "t.csv", "--no-preview") == 1
-        assert "objectfolder: " in capsys.readouterr().err
-    assert not (tmp_path / "t.csv").exists()
-
-
 STEPS = ("locked", "copy_files", "write_table", "_remove_unused")
 
 

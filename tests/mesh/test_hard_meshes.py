@@ -131,6 +131,7 @@ LIBRARIES: dict[str, Make] = {
     "path from another computer": library(library="newmtl skin\nmap_Kd /home/me/scans/skin.png\n"),
     "Fuel's folders": library(library="newmtl skin\nmap_Kd skin.png\n",
                               image="../materials/textures/skin.png"),
+    "folder of textures": library(library="newmtl skin\nmap_Kd skin.png\n", image="textures/skin.png"),
     "library in a folder": library(library="newmtl skin\nmap_Kd skin.png\n", image="parts/skin.png",
                                    mtllib="parts\\model.mtl", library_file="parts/model.mtl"),
     "options": library(library="newmtl skin\nmap_Kd -S 1 1 1 -o 0 0 0 -bm 0.5 -clamp off skin.png\n"),

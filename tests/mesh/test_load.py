@@ -48,15 +48,6 @@ def test_obj_keeps_vertices_and_gives_each_corner_its_own_texture_coordinates(tm
     np.testing.assert_array_equal(colours_at_corners(mesh, 0), checker()[[7, 7, 0], [0, 7, 7]])
 
 
-def test_obj_polygons_negative_indices_continued_lines_comments_and_windows_line_ends(tmp_path):
-    path = tmp_path / "model.obj"
-    path.write_bytes(
-        b"# a quad\r\nv 0 0 0\r\nv 1 0 0 # corner\r\nv 1 1 0\r\nv 0 1 0\r\nf -4 -3 \\\r\n -2 -1\r\n"
-    )
-    mesh = load_mesh(path)
-    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
-
-
 def test_obj_negative_indices_count_back_from_the_line_they_stand_on(tmp_path):
     path = tmp_path / "model.obj"
     path.write_text(QUAD + "f -4 -3 -2\nv 5 5 5\nf -1 1 2\n")
@@ -139,33 +130,6 @@ def test_obj_with_several_materials_colours_and_textures(tmp_path):
     np.testing.assert_array_equal(mesh.face_texture, [0, 1, 1])
     np.testing.assert_array_equal(mesh.textures[0], [[[255, 0, 0, 255]]])
     assert len(mesh.textures) == 2
-
-
-def test_texture_of_a_material_library_is_found(subtests, tmp_path):
-    for statement, file in [
-        ("map_Kd texture.png  ", "texture.png"),
-        ("map_Kd my texture.png", "my texture.png"),
-        ("map_Kd -clamp on -s 1 1 1 texture.png", "texture.png"),
-        ("map_Kd maps\\texture.png", "maps/texture.png"),
-        ("map_Kd C:\\work\\texture.png", "texture.png"),
-        ("map_Kd texture.png", "textures/texture.png"),
-        ("map_Kd texture.png", "../materials/textures/texture.png"),
-    ]:
-        with subtests.test(statement=statement):
-            path = write_textured_cube(tmp_path / "meshes")
-            texture = path.parent / "texture.png"
-            wanted = path.parent / file
-            wanted.parent.mkdir(parents=True, exist_ok=True)
-            texture.rename(wanted)
-            (path.parent / "model.mtl").write_text(f"newmtl skin\n{statement}\n")
-            np.testing.assert_array_equal(load_mesh(path).textures[0][..., :3], checker())
-
-
-def test_scaled_texture_is_refused(tmp_path):
-    path = write_textured_cube(tmp_path)
-    (tmp_path / "model.mtl").write_text("newmtl skin\nmap_Kd -s 2 2 1 texture.png\n")
-    with pytest.raises(InputError, match=r"model\.mtl line 2.*option -s 2 2 1 is not supported"):
-        load_mesh(path)
 
 
 def test_named_texture_replaces_what_the_mesh_names(tmp_path):

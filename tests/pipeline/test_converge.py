@@ -58,18 +58,6 @@ def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
     assert path.read_bytes() == whole
 
 
-def test_damaged_product_and_memo_are_computed_again(toys, monkeypatch):
-    monkeypatch.setenv("OBJECTFOLDER_MEMO_GB", "0")
-    toys.converge()
-    toys.executed()
-    path = INGESTED.path(toys.root, "cup")
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-7])
-    toys.converge()
-    assert toys.executed() == ["ingest cup"]
-    assert path.read_bytes() == whole
-
-
 def test_a_product_under_another_name_is_not_taken_for_its_own(toys):
     toys.converge()
     toys.executed()
@@ -103,13 +91,6 @@ def test_failure_is_data_and_only_what_is_left_is_done_after_mending(toys):
     toys.add("cup", "2.5")
     assert all(not summary.failures for summary in toys.converge())
     assert toys.executed() == ["encode cup", "ingest cup", "tune cup"]
-
-
-def test_failing_object_loses_the_products_of_its_former_self(toys):
-    toys.converge()
-    toys.add("cup", "poison raise ValueError('no cup')")
-    toys.converge()
-    assert not list(toys.root.glob("data/*/*cup*"))
 
 
 def test_a_stage_where_all_fail_does_not_stand(toys):

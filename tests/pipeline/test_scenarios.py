@@ -55,13 +55,6 @@ def empty(tmp_path, monkeypatch):
     return Workshop(tmp_path, f"workshop_{abs(hash(str(tmp_path)))}")
 
 
-def test_nothing_changed_makes_nothing(workshop):
-    before = workshop.products()
-    assert workshop.executed() == set()
-    assert workshop.products() == before
-    assert len(before) == 8 * len(IDS)
-
-
 @pytest.mark.parametrize(
     ("field", "value", "stages"),
     [
@@ -280,14 +273,6 @@ def test_version_of_a_package_changed(empty, install, package, stages):
     assert empty.executed() == set()
 
 
-def test_several_changes_at_once_and_one_of_them_set_back(workshop):
-    workshop.write("cup.png", "another colour")
-    workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
-    assert workshop.executed() == works(("objects", *SIGHT), "cup") | works(SOUND, "dish", "spoon")
-    workshop.edit("data/materials.csv", "wood,760,", "wood,750,")
-    assert workshop.executed() == set()
-
-
 class Starter:
     """Two objects of the starter set, cleaned and measured by the real task."""
 
@@ -344,9 +329,3 @@ def test_real_texture_under_another_name(starter):
     starter.workshop.row("fork")["texture"] = "../fork/texture.png"
     starter.workshop.save()
     assert starter.made() == set()
-
-
-def test_real_mesh_replaced(starter):
-    text = (starter.workshop.root / "spatula" / "model.obj").read_text()
-    (starter.fork / "model.obj").write_text(text)
-    assert starter.made() == works(STAGES, "fork")
