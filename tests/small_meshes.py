@@ -2,12 +2,14 @@
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.surface import Surface
 
 CUBE_VERTICES = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)], dtype=np.float64
@@ -35,6 +37,22 @@ def bare_mesh(vertices: np.ndarray, faces: np.ndarray) -> TexturedMesh:
 def cube(side_m: float = 1.0) -> TexturedMesh:
     """A closed cube of 12 outward triangles about the origin."""
     return bare_mesh(side_m * CUBE_VERTICES, CUBE_FACES)
+
+
+def box(low: Sequence[float], high: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and the 12 outward triangles of a box between two corners."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    return np.array(low) + corners * np.subtract(high, low), quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+
+
+def joined(*parts: tuple[np.ndarray, np.ndarray]) -> Surface:
+    """One surface of several pieces."""
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
+    return Surface(
+        np.concatenate([vertices for vertices, _ in parts]),
+        np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)]),
+    )
 
 
 def sphere(radius_m: float = 1.0, subdivisions: int = 3) -> tuple[np.ndarray, np.ndarray]:

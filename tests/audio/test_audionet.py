@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from rounding import assert_equal_but_for_rounding
+from small_meshes import box
 
 from objectfolder.audio.audionet import fitting
 from objectfolder.audio.audionet.audionet import AudioNet, decode_detours, encode_detours
@@ -29,13 +30,6 @@ def stored_bytes(net: AudioNet) -> int:
     return sum(tensor.nbytes for tensor in net.tensors().values())
 
 
-def box(size: tuple[float, float, float]) -> Surface:
-    """Twelve triangles."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return Surface(corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]))
-
-
 @pytest.fixture(scope="module")
 def plate() -> tuple[Surface, Product]:
     """A plate of 4 mm, bending as Kirchhoff's does: its two sides are nearer than control points are.
@@ -43,7 +37,7 @@ def plate() -> tuple[Surface, Product]:
     u = (-z dw/dx, -z dw/dy, w) with standing waves w.
     """
     a, b, thickness = 0.1, 0.08, 0.004
-    surface = box((a, b, thickness))
+    surface = Surface(*box((0, 0, 0), (a, b, thickness)))
     points = np.concatenate([surface.sample(2000, 0).points, surface.sample(200, 1).points])
     x, y, z = points.T
     shapes = []
@@ -113,7 +107,7 @@ def test_teeth_that_move_apart_are_told_apart() -> None:
 
 def test_a_tongue_that_moves_by_itself_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
     """A patch of a torn wall: at its edge the modes jump within the width of a face."""
-    plain = box((0.1, 0.08, 0.01))
+    plain = Surface(*box((0, 0, 0), (0.1, 0.08, 0.01)))
     surface = Surface(*subdivide(plain.vertices, plain.faces, 0.006, 4000))
     samples = [surface.sample(count, seed) for count, seed in ((6000, 2), (400, 3))]
     points = np.concatenate([sample.points for sample in samples])

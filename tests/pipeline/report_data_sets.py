@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from fidelity_products import HELD_OUT, fidelity
+from small_meshes import CUBE_FACES, CUBE_VERTICES
 
 from objectfolder.fidelity.contacts import contact_pictures
 from objectfolder.fidelity.sheets import webp
@@ -22,12 +23,7 @@ SENSOR = {"name": "DIGIT", "gel_apex_m": [0.022, 0.0, 0.0], "gel_width_m": 0.02,
 
 def cube() -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a cube about the origin, outward."""
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * SIDE_M / 2
-    faces = [
-        (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-        (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
-    ]  # fmt: skip
-    return corners.astype(np.float64), np.array(faces, dtype=np.int64)
+    return SIDE_M * CUBE_VERTICES, CUBE_FACES
 
 
 def sensor_to_object(point: np.ndarray, normal: np.ndarray) -> np.ndarray:

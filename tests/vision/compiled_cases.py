@@ -1,6 +1,7 @@
 """Surfaces and networks on which the compiled renderer is held against the reference."""
 
 import numpy as np
+from small_meshes import box, joined
 from vision_shapes import cube, sphere
 
 from objectfolder.surface.frames import UnitFrame
@@ -8,23 +9,6 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import weight_shapes
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
-
-
-def box(low: tuple[float, ...], high: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and the 12 outward triangles of a box."""
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
-    return np.array(low) + corners * (np.array(high) - low), np.array(faces)
-
-
-def joined(parts: list[tuple[np.ndarray, np.ndarray]]) -> Surface:
-    """One surface of several pieces."""
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    return Surface(
-        np.concatenate([vertices for vertices, _ in parts]),
-        np.concatenate([faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)]),
-    )
 
 
 def furniture() -> Surface:
@@ -37,7 +21,7 @@ def furniture() -> Surface:
         (sheet, np.array([[0, 1, 2], [0, 2, 3]])),
         (sheet - [0, 0.02, 0], np.array([[0, 2, 1], [0, 3, 2]])),
     ]
-    return joined(parts)
+    return joined(*parts)
 
 
 def mug(segments: int = 40) -> Surface:

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from compiled_cases import SHAPES, joined, network
+from compiled_cases import SHAPES, network
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from small_meshes import joined
 from small_visionnets import drawn_visionnet
 from vision_shapes import sphere
 
@@ -175,7 +176,7 @@ def test_highlights_smaller_than_a_pixel_are_met(monkeypatch):
     """Balls of two pixels each; the mean over many rays is what a pixel should hold."""
     ball = sphere(0.04, (0, 0, 0), 2).surface
     places = [(0.2 * i, 0.2 * j, 0.13 * (i - j)) for i in range(4) for j in range(4)]
-    net = drawn_visionnet(joined([(ball.vertices + place, ball.faces) for place in places]))
+    net = drawn_visionnet(joined(*((ball.vertices + place, ball.faces) for place in places)))
     net._weights["log_alpha"] = np.float16(np.log(0.08))
     net._weights["direct.4.bias"] = np.float16([0, 0, 0, 3, 3, 3])
     pose, light = look_at(np.array([[0.0, -2.5, 0.3]]))[0], np.array([0.4, -0.9, 0.6])

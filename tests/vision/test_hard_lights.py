@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from small_meshes import box, joined
 from small_visionnets import WAYS, drawn_visionnet, rendered_by, way_of
 from vision_shapes import cube, sphere
 
@@ -12,32 +13,21 @@ from objectfolder.vision.visionnet.visionnet import VisionNet
 FIELD_OF_VIEW = 39.6
 
 
-def box(low: list[float], high: list[float], inwards: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and outward (or inward) faces of a box."""
-    vertices = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)])
-    return np.array(low) + vertices * np.subtract(high, low), faces[:, ::-1] if inwards else faces
-
-
-def joined(*parts: tuple[np.ndarray, np.ndarray]) -> Surface:
-    """One surface of several pieces."""
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    return Surface(
-        np.concatenate([vertices for vertices, _ in parts]),
-        np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=False)]),
-    )
+def cavity(low: list[float], high: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """A box whose faces point inwards."""
+    vertices, faces = box(low, high)
+    return vertices, faces[:, ::-1]
 
 
 def room() -> Surface:
     """A unit cube with a cubic cavity of side 0.8: a wall of 0.1 all round, and no way out for light."""
-    return joined(box([-0.5] * 3, [0.5] * 3), box([-0.4] * 3, [0.4] * 3, inwards=True))
+    return joined(box([-0.5] * 3, [0.5] * 3), cavity([-0.4] * 3, [0.4] * 3))
 
 
 def cup() -> Surface:
     """A unit cube whose cavity is open at the top."""
     wall, inner = 0.5, 0.4
-    outside, inside = box([-wall] * 3, [wall] * 3), box([-inner] * 3, [inner, inner, wall], inwards=True)
+    outside, inside = box([-wall] * 3, [wall] * 3), cavity([-inner] * 3, [inner, inner, wall])
     top = [1, 3, 5, 7]  # corners of the upper side of both boxes, at the same height
     faces = [[face for face in part[1].tolist() if not set(face) <= set(top)] for part in (outside, inside)]
     ring = [1, 3, 7, 5]

@@ -1,6 +1,7 @@
 """Small textured meshes for the tests of sight."""
 
 import numpy as np
+import trimesh
 
 from objectfolder.mesh.mesh import TexturedMesh
 
@@ -43,42 +44,11 @@ def cube(side: float = 0.1) -> TexturedMesh:
 
 def sphere(radius: float, colour: tuple[int, int, int], subdivisions: int = 4) -> TexturedMesh:
     """An icosphere of one colour."""
-    golden = (1 + 5**0.5) / 2
-    points = [
-        (-1, golden, 0),
-        (1, golden, 0),
-        (-1, -golden, 0),
-        (1, -golden, 0),
-        (0, -1, golden),
-        (0, 1, golden),
-    ]
-    points += [
-        (0, -1, -golden),
-        (0, 1, -golden),
-        (golden, 0, -1),
-        (golden, 0, 1),
-        (-golden, 0, -1),
-        (-golden, 0, 1),
-    ]
-    vertices = np.array(points, dtype=float)
-    rings = "0 11 5 0 5 1 0 1 7 0 7 10 0 10 11 1 5 9 5 11 4 11 10 2 10 7 6 7 1 8"
-    rings += " 3 9 4 3 4 2 3 2 6 3 6 8 3 8 9 4 9 5 2 4 11 6 2 10 8 6 7 9 8 1"
-    faces = np.array(rings.split(), dtype=int).reshape(-1, 3)
-    for _ in range(subdivisions):
-        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
-        middle = inverse.reshape(-1, 3) + len(vertices)
-        vertices = np.concatenate([vertices, vertices[unique].mean(axis=1)])
-        a, b, c = faces.T
-        ab, bc, ca = middle.T
-        faces = np.concatenate(
-            [np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
-        )
-    vertices *= radius / np.linalg.norm(vertices, axis=1, keepdims=True)
+    ball = trimesh.creation.icosphere(subdivisions, radius)
     return TexturedMesh(
-        vertices,
-        faces,
-        np.zeros((len(faces), 3, 2)),
+        np.array(ball.vertices),
+        np.array(ball.faces),
+        np.zeros((len(ball.faces), 3, 2)),
         (np.array([[[*colour, 255]]], dtype=np.uint8),),
-        np.zeros(len(faces), dtype=np.int32),
+        np.zeros(len(ball.faces), dtype=np.int32),
     )
