@@ -17,13 +17,14 @@ import psutil
 import pytest
 
 import objectfolder
-from objectfolder.errors import InputError, QueryError
+from objectfolder.errors import InputError
 from pipeline.cli import main
 from pipeline.publish.viewer.live import Server, page_of_objects
-from pipeline.publish.viewer.live_queries import LiveObject, LiveObjects
+from pipeline.publish.viewer.live_queries import LiveObjects
 from tests.viewer.live_servers import served
 
 JSON = {"Content-Type": "application/json"}
+DOWN = {"origin": [0, 0, 1], "direction": [0, 0, -1]}
 
 
 @pytest.fixture(scope="module")
@@ -177,17 +178,10 @@ def test_a_ray_past_the_object_meets_nothing(server):
         ("/strike", {"impulse": "much"}, "impulse"),
         ("/strike", {"impulse": 1, "duration": 1e6}, "duration"),
         ("/strike", {"impulse": 1, "duration": 1, "sample_rate": 1}, "sample_rate"),
+        ("/strike", DOWN | {"impulse": 1, "along": [0, 0, 0], "duration": 1, "sample_rate": 44100}, "along"),
         ("/press", {"depth": None}, "depth"),
-        (
-            "/press",
-            {"depth": 1, "tilt": 0, "azimuth": 0, "origin": [0, 0, 1], "direction": [0, 0, -1]},
-            "depth",
-        ),
-        (
-            "/press",
-            {"depth": 0, "tilt": 0, "azimuth": 0, "origin": [0, 0, 1], "direction": [0, 0, 0]},
-            "direction",
-        ),
+        ("/press", DOWN | {"depth": 1, "tilt": 0, "azimuth": 0}, "depth"),
+        ("/press", DOWN | {"depth": 0, "tilt": 0, "azimuth": 0, "direction": [0, 0, 0]}, "direction"),
         ("/object", [], "JSON"),
     ],
 )
@@ -276,17 +270,3 @@ def test_the_command_prints_its_address_and_ends_on_interrupt(small_file, before
     finally:
         process.kill()
     assert (process.returncode, errors) == (0, "")
-
-
-def test_a_direction_of_no_length_is_refused_before_anything(small_file):
-    with pytest.raises(QueryError, match="along"):
-        LiveObject(small_file).strike(
-            {
-                "origin": [0, 0, 1],
-                "direction": [0, 0, -1],
-                "impulse": 1,
-                "along": [0, 0, 0],
-                "duration": 1,
-                "sample_rate": 44100,
-            }
-        )
