@@ -2,7 +2,7 @@
 
 Unattended, within 4 minutes, after nothing but numba-cuda and torch is installed. Each part is written to
 ``bench/results/gpu.json`` when it is done; one that fails leaves its error there, and the next begins.
-``--cpu`` runs every line on a CPU, with small batches.
+``--cpu`` runs every line on a CPU, with small batches; names of parts run those alone.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -122,19 +123,18 @@ def objects() -> list[Any]:
     return [objectfolder.example("mug"), objectfolder.example("bell")]
 
 
-def touches(
-    count: int, files: list[Any], seed: int = 0
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Objects, points and the rest of presses, mixed."""
-    random = np.random.default_rng(seed)
-    which = random.integers(0, len(files), count)
-    points = np.empty((count, 3))
+def touches(count: int, files: list[Any], seed: int = 0) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """Objects, points and the rest of presses, mixed; from 4,096 on they repeat."""
+    random, drawn = np.random.default_rng(seed), min(count, 4096)
+    which = random.integers(0, len(files), drawn)
+    points = np.empty((drawn, 3))
     for index, file in enumerate(files):
         rows = np.flatnonzero(which == index)
         points[rows] = file.sample_contacts(len(rows), seed=seed, reachable=False)[0]
     ranges = {"depth_m": (0.0002, 0.002), "tilt_deg": (0.0, 30.0), "azimuth_deg": (0.0, 360.0)}
     ranges["roll_deg"] = (0.0, 360.0)
-    return which, points, {name: random.uniform(*limits, count) for name, limits in ranges.items()}
+    turns = {name: np.resize(random.uniform(*limits, drawn), count) for name, limits in ranges.items()}
+    return np.resize(which, count), np.resize(points, (count, 3)), turns
 
 
 def touch_equality(run: Run, precision: str, count: int) -> dict[str, Any]:
@@ -148,8 +148,12 @@ def touch_equality(run: Run, precision: str, count: int) -> dict[str, Any]:
     again = batch.touch.press(which, points, **asked)
     alone = batch.touch.press(which[3:4], points[3:4], **{name: value[3:4] for name, value in asked.items()})
     host = {name: value.cpu().numpy() for name, value in vars(answer).items()}
-    same = all(bool((getattr(again, name) == value).all()) for name, value in vars(answer).items())
-    single = all(bool((getattr(alone, name)[0] == value[3]).all()) for name, value in vars(answer).items())
+    # The force that a rigid gel bears is no number.
+    known = {
+        name: value for name, value in vars(answer).items() if name not in {"force_n", "relative_residual"}
+    }
+    same = all(bool((getattr(again, name) == value).all()) for name, value in known.items())
+    single = all(bool((getattr(alone, name)[0] == value[3]).all()) for name, value in known.items())
     worst = dict.fromkeys(("pose", "offset_m", "depth_um_where_masks_agree", "rgb_levels"), 0.0)
     pixels = masks = brighter = reach = 0
     for index, file in enumerate(files):
@@ -188,17 +192,14 @@ def touch_speed(run: Run, precision: str) -> dict[str, Any]:
     batch = Batch(files, run.device, precision=precision).touch
     rates: dict[str, Any] = {}
     for count in run.batches:
-        which, points, asked = touches(min(count, 4096), files)
-        reps = -(-count // len(which))
-        which, points = np.tile(which, reps)[:count], np.tile(points, (reps, 1))[:count]
-        asked = {name: np.tile(value, reps)[:count] for name, value in asked.items()}
+        which, points, asked = touches(count, files)
         out = TouchImages.empty(count, batch.sensor, run.device)
         place = run.torch.as_tensor
         at = place(which, device=run.device), place(points, device=run.device)
         numbers = {name: place(value, device=run.device) for name, value in asked.items()}
         poses = batch.press(*at, **numbers, out=out).sensor_to_object
-        see = run.seconds(lambda: batch.see(at[0], poses, out=out))  # noqa: B023
-        press = run.seconds(lambda: batch.press(*at, **numbers, out=out))  # noqa: B023
+        see = run.seconds(partial(batch.see, at[0], poses, out=out))
+        press = run.seconds(partial(batch.press, *at, **numbers, out=out))
         rates[str(count)] = {
             "see_per_s": round(count / see, 1),
             "press_per_s": round(count / press, 1),
@@ -207,9 +208,86 @@ def touch_speed(run: Run, precision: str) -> dict[str, Any]:
     return {**rates, "peak_gib": run.peak_gib()}
 
 
+def elastic_equality(run: Run) -> dict[str, Any]:
+    """Against single elastic presses, by depths and by forces, after some numbers of steps."""
+    from objectfolder.batch import Batch
+
+    files, count = objects(), 4 if run.on_cpu else 24
+    which, points, asked = touches(count, files)
+    depths = asked.pop("depth_m")
+    figures: dict[str, Any] = {"touches": count}
+    for load in ({"depth_m": depths}, {"force_n": 4000 * depths}):
+        true = []
+        for index, file in enumerate(files):
+            rows = np.flatnonzero(which == index)
+            given = {name: value[rows] for name, value in {**asked, **load}.items()}
+            true.append((rows, file.press(points[rows], contact="elastic", **given)))
+        for precision, steps in (
+            ("single", 12), ("single", 16), ("single", 20), ("single", 24), ("single", 32), ("double", 40)
+        ):  # fmt: skip
+            batch = Batch(files, run.device, precision=precision).touch
+            answer = batch.press(which, points, contact="elastic", steps=steps, **asked, **load)
+            figures[f"{next(iter(load))}_{precision}_{steps}"] = elastic_errors(answer, true)
+    return figures
+
+
+def elastic_errors(answer: Any, true: list[tuple[np.ndarray, Any]]) -> dict[str, Any]:
+    """How a batch of elastic touches differs from single ones, of which each object has some rows."""
+    order = np.concatenate([rows for rows, _ in true])
+    host = {name: value.cpu().numpy()[order] for name, value in vars(answer).items()}
+    truth = {
+        name: np.concatenate([getattr(part, name) for _, part in true]) for name in host if name[:3] != "rel"
+    }
+    levels = np.abs(host["rgb"].astype(int) - truth["rgb"])
+    pressed = truth["force_n"] > 0
+    ratio = host["force_n"][pressed] / truth["force_n"][pressed]
+    return {
+        "mask_pixels_that_differ": int((host["mask"] != truth["mask"]).sum()),
+        "pixels": host["mask"].size,
+        "rgb_levels": int(levels.max()),
+        "share_above_one_level": float((levels > 1).mean()),
+        "depth_um": float(1e6 * np.abs(host["depth_m"].astype(float) - truth["depth_m"]).max()),
+        "force_relative": float(np.abs(ratio - 1).max()),
+        "penetration_um": float(1e6 * np.abs(host["penetration_m"] - truth["penetration_m"]).max()),
+        "reachable_that_differ": int((host["reachable"] != truth["reachable"]).sum()),
+        "residual_largest": float(host["relative_residual"].max()),
+        "residual_median": float(np.median(host["relative_residual"])),
+    }
+
+
+def elastic_speed(run: Run) -> dict[str, Any]:
+    """Elastic touches a second from points on, by steps, and where the time goes."""
+    from objectfolder.batch import Batch, TouchImages
+
+    files = objects()
+    batch = Batch(files, run.device).touch
+    figures: dict[str, Any] = {}
+    for count in (2, 3) if run.on_cpu else (256, 4096, 16384):
+        which, points, asked = touches(count, files)
+        out = TouchImages.empty(count, batch.sensor, run.device)
+        place = run.torch.as_tensor
+        given = {name: place(value, device=run.device) for name, value in asked.items()}
+        at, depths = [place(part, device=run.device) for part in (which, points)], given.pop("depth_m")
+        for name, load in (("depth_m", depths), ("force_n", 4000 * depths)):
+            for steps in (16, 20, 24, 32) if count == 4096 else (24,):
+                work = partial(
+                    batch.press, *at, **given, **{name: load}, contact="elastic", steps=steps, out=out
+                )
+                taken, residual = run.seconds(work, 3), work().relative_residual
+                figures[f"{name}_{count}_{steps}_steps"] = {
+                    "per_s": round(count / taken, 1),
+                    "residual_largest": float(residual.max()),
+                    "residual_99_percent": float(residual.quantile(0.99)),
+                    "pressed": float((residual > 0).double().mean()),
+                }
+        if count != 16384:
+            figures[f"milliseconds_{count}"] = stages(run, work)
+    return {**figures, "peak_gib": run.peak_gib()}
+
+
 def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
     """Milliseconds of each kernel, and of the networks of sight, synchronised after each."""
-    from objectfolder.batch import sight
+    from objectfolder.batch import elastic, sight
     from objectfolder.batch.targets import Body
 
     figures: dict[str, float] = {}
@@ -225,12 +303,16 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
         return answer
 
     call = Body.__call__
-    parts = {"network": (sight._Network, "answer"), "hits": (sight._Rays, "hits")}
+    parts = {
+        "network": (sight._Network, "answer"),
+        "hits": (sight._Rays, "hits"),
+        "displacement": (elastic.Layer, "displacement"),
+    }
     plain = {name: getattr(*part) for name, part in parts.items()}
     work()
-    Body.__call__ = lambda body, *given: timed(body.name, call, body, *given)  # type: ignore[method-assign]
+    Body.__call__ = lambda body, *arguments: timed(body.name, call, body, *arguments)  # type: ignore[method-assign]
     for name, part in parts.items():
-        setattr(*part, lambda *given, name=name: timed(name, plain[name], *given))
+        setattr(*part, lambda *arguments, name=name: timed(name, plain[name], *arguments))
     try:
         timed("all", work)
     finally:
@@ -246,52 +328,18 @@ def touch_stages(run: Run) -> dict[str, Any]:
     files = objects()
     batch = Batch(files, run.device).touch
     count = run.batches[-1]
-    which, points, asked = touches(min(count, 4096), files)
-    reps = -(-count // len(which))
-    which, points = np.tile(which, reps)[:count], np.tile(points, (reps, 1))[:count]
-    asked = {name: np.tile(value, reps)[:count] for name, value in asked.items()}
+    which, points, asked = touches(count, files)
     return {"touches": count, "milliseconds": stages(run, lambda: batch.press(which, points, **asked))}
 
 
 def sight_stages(run: Run) -> dict[str, Any]:
-    """Stages of many views, and what other rays, precisions and orders would give."""
-    from objectfolder.batch import Batch, sight
-
-    torch = run.torch
-
-    def unfused(bias: Any, first: Any, second: Any) -> Any:
-        return torch.addmm(bias, first, second).relu_()
+    from objectfolder.batch import Batch
 
     file, count = objects()[0], 2 if run.on_cpu else 1024
-    cameras, lights = file.sample_views(count, seed=5, lit=True)
-    true = file.render(cameras[:8], lights[:8], 128)
-    given = [torch.as_tensor(part, device=run.device) for part in (cameras, lights)]
-    figures: dict[str, Any] = {"views": count}
-    for label, rays, where, name, value in (
-        ("plain", 10, sight, "HALF", sight.HALF),
-        ("8_rays", 8, sight, "HALF", sight.HALF),
-        ("12_rays", 12, sight, "HALF", sight.HALF),
-        ("float16", 10, sight, "HALF", torch.float16),
-        ("tf32", 10, sight, "HALF", torch.float32),
-        ("single", 10, sight, "HALF", torch.float32),
-        ("rows_of_pixels", 10, sight, "TILE", (1, 1)),
-        ("relu_apart", 10, torch, "_addmm_activation", unfused),
-    ):
-        before = getattr(where, name)
-        setattr(where, name, value)
-        torch.set_float32_matmul_precision("high" if label == "tf32" else "highest")
-        try:
-            batch = Batch([file], run.device).sight
-            figures[label] = stages(run, lambda: batch.render(0, *given, 128, sub_rays=rays))  # noqa: B023
-            taken = run.seconds(lambda: batch.render(0, *given, 128, sub_rays=rays), 5)  # noqa: B023
-            image = batch.render(0, given[0][:8], given[1][:8], 128, sub_rays=rays)
-        finally:
-            setattr(where, name, before)
-        figures[label]["views_per_s"] = round(count / taken, 1)
-        error = ((image.cpu().numpy().astype(float) - true[: len(image)]) ** 2).mean(axis=(1, 2, 3))
-        figures[label]["psnr_db_least"] = float(10 * np.log10(255**2 / error.max()))
-    torch.set_float32_matmul_precision("highest")
-    return figures
+    views = file.sample_views(count, seed=5, lit=True)
+    cameras, lights = (run.torch.as_tensor(part, device=run.device) for part in views)
+    batch = Batch([file], run.device).sight
+    return {"views": count, "milliseconds": stages(run, lambda: batch.render(0, cameras, lights, 128))}
 
 
 def sound(run: Run) -> dict[str, Any]:
@@ -304,23 +352,22 @@ def sound(run: Run) -> dict[str, Any]:
     impulses = np.random.default_rng(1).normal(size=(len(which), 3))
     worst = 0.0
     run.torch.set_float32_matmul_precision("high")  # TF32, which must not show in the answer
-    got = batch.strike(which, points, impulses, 1.0).cpu().numpy()
+    sounds = batch.strike(which, points, impulses, 1.0).cpu().numpy()
     run.torch.set_float32_matmul_precision("highest")
     for index, file in enumerate(files):
         rows = which == index
         true = np.asarray(file.strike(points[rows], impulses[rows], 1.0))
-        worst = max(worst, float((np.abs(got[rows] - true).max(1) / np.abs(true).max(1)).max()))
+        worst = max(worst, float((np.abs(sounds[rows] - true).max(1) / np.abs(true).max(1)).max()))
     figures: dict[str, Any] = {"error_over_peak": worst, "strikes": len(which)}
     figures["modes"] = [len(file.modes.eigenvalues) for file in files]
     for count in run.batches:
-        which, points, _ = touches(min(count, 4096), files)
-        reps = -(-count // len(which))
-        which, points = np.sort(np.tile(which, reps)[:count]), np.tile(points, (reps, 1))[:count]
+        which, points, _ = touches(count, files)
+        which = np.sort(which)
         place = run.torch.as_tensor
         at = place(which, device=run.device), place(points, device=run.device)
         pushes = run.torch.ones_like(at[1])
         out = run.torch.empty((count, 44100), dtype=run.torch.float32, device=run.device)
-        taken = run.seconds(lambda: batch.strike(*at, pushes, 1.0, out=out), 5)  # noqa: B023
+        taken = run.seconds(partial(batch.strike, *at, pushes, 1.0, out=out), 5)
         figures[f"strikes_per_s_{count}"] = round(count / taken, 1)
     figures["peak_gib"] = run.peak_gib()
     return figures
@@ -390,9 +437,9 @@ def sight_speed(run: Run) -> dict[str, Any]:
                 if len(rows):
                     cameras[rows], lights[rows] = file.sample_views(len(rows), seed=2, lit=True)
             place = run.torch.as_tensor
-            given = [place(part, device=run.device) for part in (which, cameras, lights)]
+            views = [place(part, device=run.device) for part in (which, cameras, lights)]
             for rays in (10, 16):
-                taken = run.seconds(lambda: batch.render(*given, 128, sub_rays=rays), 3)  # noqa: B023
+                taken = run.seconds(partial(batch.render, *views, 128, sub_rays=rays), 3)
                 figures[f"{label}_{count}_{rays}_rays_per_s"] = round(count / taken, 1)
     figures["peak_gib"] = run.peak_gib()
     return figures
@@ -419,34 +466,58 @@ def compile_for_cpu() -> None:
     file = objects()[1]
     points, _ = file.sample_contacts(1, reachable=False)
     file.press(points)
+    file.press(points, contact="elastic")
     file.render(*file.sample_views(1), 16)
     file.strike(points, duration_s=0.1)
 
 
+PARTS: dict[str, Callable[[Run], Any]] = {
+    "touch_speed_single": lambda run: touch_speed(run, "single"),
+    "elastic_speed": elastic_speed,
+    "hundred_modes": hundred_modes,
+    "sight_speed": sight_speed,
+    "touch_equality_single": lambda run: touch_equality(run, "single", 8 if run.on_cpu else 192),
+    "touch_equality_double": lambda run: touch_equality(run, "double", 8 if run.on_cpu else 96),
+    "elastic_equality": elastic_equality,
+    "sound": sound,
+    "sight_equality": sight_equality,
+    "touch_stages": touch_stages,
+    "sight_stages": sight_stages,
+    "hundred_objects": hundred_objects,
+    "touch_speed_double": lambda run: touch_speed(run, "double"),
+}
+
+
+# Parts that compare with single queries, whose kernels are compiled by then.
+SINGLE_QUERIES = {
+    "touch_equality_single",
+    "touch_equality_double",
+    "elastic_equality",
+    "sound",
+    "sight_equality",
+}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; by default all")
     parser.add_argument("--cpu", action="store_true", help="run all lines on a CPU")
     parser.add_argument("--compile", action="store_true", help="compile single queries, and nothing else")
     asked = parser.parse_args()
+    if unknown := set(asked.parts) - set(PARTS):
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     if asked.compile:
         return compile_for_cpu()
     run = Run(asked.cpu)
+    chosen = [name for name in PARTS if name in (asked.parts or PARTS)]
     # Beside the kernels for the device, which this process compiles meanwhile.
     compiling = subprocess.Popen([sys.executable, "-m", "bench.gpu", "--compile"])
     run.part("versions", versions)
-    run.part("touch_speed_single", lambda run: touch_speed(run, "single"))
-    run.part("hundred_modes", hundred_modes)
-    run.part("sight_speed", sight_speed)
-    run.part("cpu_kernels", lambda run: {"exit": compiling.wait(timeout=400 if run.on_cpu else 100)})
-    small = run.on_cpu
-    run.part("touch_equality_single", lambda run: touch_equality(run, "single", 8 if small else 192))
-    run.part("touch_equality_double", lambda run: touch_equality(run, "double", 8 if small else 96))
-    run.part("sound", sound)
-    run.part("sight_equality", sight_equality)
-    run.part("touch_stages", touch_stages)
-    run.part("sight_stages", sight_stages)
-    run.part("hundred_objects", hundred_objects)
-    run.part("touch_speed_double", lambda run: touch_speed(run, "double"))
+    for name in chosen:
+        if name in SINGLE_QUERIES and "cpu_kernels" not in run.figures:
+            run.part("cpu_kernels", lambda run: {"exit": compiling.wait(timeout=400 if run.on_cpu else 100)})
+        run.part(name, PARTS[name])
+    compiling.wait()
     return None
 
 

@@ -123,10 +123,10 @@ def _stand(
 
 
 def _advance(
-    touch, objects, depths, offsets, boxes, order, triangles, gel, housing, diagonals,
-    poses, contact_offset, reachable, blocked, box, corners, working, low,
+    touch, objects, depths, offsets, boxes, order, triangles, gel, poses, contact_offset, blocked,
+    box, corners, working,
 ):  # fmt: skip
-    """Move the pose on by a depth from its first contact, and write what is true of the touch."""
+    """Move the pose on by a depth from its first contact, and write whether more of the gel is in the way."""
     some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
     nodes, leaves = boxes[some[0] : after[0]], order[some[1] : after[1]]
     faces, pose, depth = triangles[some[2] : after[2]], poses[touch], depths[touch]
@@ -140,14 +140,25 @@ def _advance(
         after_all = before + advance
     blocked[touch] = after_all > depth + TOLERANCE_M
     contact_offset[touch] = before
-    fits = not blocked[touch] and before <= depth + TOLERANCE_M
+
+
+def _fit(
+    touch, objects, depths, offsets, boxes, order, triangles, housing, diagonals, poses, contact_offset,
+    blocked, reachable, box, corners, working, low,
+):  # fmt: skip
+    """Write whether a pose, a depth from its first contact, touches the asked point and has room."""
+    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
+    fits = not blocked[touch] and contact_offset[touch] <= depths[touch] + TOLERANCE_M
     if fits:
         for axis in range(3):
             low[axis] = housing[0, axis]
             if axis == 0:  # its way there is straight
                 low[axis] -= diagonals[objects[touch]]
             working[0, axis] = (housing[1, axis] - low[axis]) / 2
-        fits = not enters_box(nodes, leaves, faces, pose, low, housing[1], working[0], corners, box)
+        fits = not enters_box(
+            boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], poses[touch],
+            low, housing[1], working[0], corners, box,
+        )  # fmt: skip
     reachable[touch] = fits
 
 
@@ -162,16 +173,18 @@ def _penetrate(
     )  # fmt: skip
 
 
-def _count(touch, objects, poses, offsets, boxes, order, triangles, gel, blocked, counts,
-           box, faces, corners, bounds):  # fmt: skip
-    """Write how many rows the faces near the gel at a pose need: one more than there are; 1 where blocked."""
+def _count(
+    touch, objects, poses, offsets, boxes, order, triangles, gel, blocked, margins, counts,
+    box, faces, corners, bounds,
+):  # fmt: skip
+    """Write how many rows the faces a margin from the gel need: one more than there are; 1 where blocked."""
     some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
     counts[touch] = 1
     if not blocked[touch]:
         # Room for none: faces are only counted.
         counts[touch] += near_gel(
             boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], poses[touch],
-            gel, 0.0, box, faces, corners, bounds,
+            gel, -margins[touch], box, faces, corners, bounds,
         )  # fmt: skip
 
 
@@ -236,7 +249,8 @@ _TRIANGLE, _BOX = ((3, 3), np.float64), ((6,), np.float64)
 locate = Body(_locate, stack=((STACK,), np.int64))
 find = Body(_find, span=((2,), np.int64))
 stand = Body(_stand, span=((2,), np.int64))
-advance = Body(_advance, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE, low=((3,), np.float64))
+advance = Body(_advance, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE)
+fit = Body(_fit, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE, low=((3,), np.float64))
 penetrate = Body(_penetrate, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE)
 count = Body(
     _count, box=_BOX, faces=((1,), np.int64), corners=((1, 3, 3), np.float64), bounds=((1,), np.float64)

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.batch import contact_bodies
+from objectfolder.batch import contact_bodies, elastic, elastic_bodies
 from objectfolder.batch.pixels import MOST_RAYS, pixel_body
 from objectfolder.batch.resident import ResidentTrees, joined, numbers, object_indices, upload
 from objectfolder.batch.targets import Tensor, checked_device, torch
@@ -17,7 +18,8 @@ from objectfolder.touch.sensor.gel import gel_constants
 from objectfolder.touch.sensor.point_lights import point_lights
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.table_lighting import table_lighting
-from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
+from objectfolder.touch.truth.elastic_press import greatest_depth_m
+from objectfolder.touch.truth.touches import DEFAULT_DEPTH_M, TOLERANCE_M, Press, saturation_depth_m
 
 PRECISIONS = {"single": np.float32, "double": np.float64}
 
@@ -43,7 +45,11 @@ class TouchImages:
 
 @dataclass(frozen=True, eq=False)
 class BatchTouches:
-    """n touches; the fields are those of `Touches`, as tensors on the device."""
+    """n touches; the fields are those of `Touches`, as tensors on the device.
+
+    ``relative_residual``, not among those, is that of `Contact`: which elastic contacts took too few steps.
+    Under the rigid model it and the force are no numbers.
+    """
 
     rgb: Tensor
     depth_m: Tensor
@@ -55,6 +61,8 @@ class BatchTouches:
     first_contact_offset_m: Tensor
     penetration_m: Tensor
     saturated: Tensor
+    force_n: Tensor
+    relative_residual: Tensor
 
 
 class TouchBatch:
@@ -111,6 +119,7 @@ class TouchBatch:
         self._housing = double([sensor.housing_low_m, sensor.housing_high_m])
         self._shadows = shadow_caster(sensor)
         self._near, self._u, self._v = grid.near, double(grid.u), double(grid.v)
+        self._numbers = kind
         self._kind = torch.float32 if kind is np.float32 else torch.float64
         nearness = np.nextafter(1 / grid.gel_depth, np.inf).reshape(len(grid.v), len(grid.u))
         constants = [1 / grid.near, *gel[:3], *gel[5:7], DEPTH_STEPS_PER_M]
@@ -123,24 +132,30 @@ class TouchBatch:
             lighting = table_lighting(sensor, table)
             look = lighting.nodes, lighting.place, lighting.place
         self._body = pixel_body(table is not None, kind)
+        self._samples, self._layers = samples, lru_cache(maxsize=4)(self._layer)
+        self._look = real(sensor.camera_position_m), *(real(part) for part in look)
         self._view = (
             self._rays, real(grid.u), real(grid.shift), real(grid.v), real(nearness),
-            real(grid.gel_values.reshape(shape)), real(constants), real(sensor.camera_position_m),
-            *(real(part) for part in look), upload(no_contact_image(sensor, samples), self.device),
+            real(grid.gel_values.reshape(shape)), real(constants), *self._look,
+            upload(no_contact_image(sensor, samples), self.device),
         )  # fmt: skip
 
     def press(
         self,
         objects: object,
         points: object,
-        depth_m: object = 0.001,
+        depth_m: object = None,
         tilt_deg: object = 0.0,
         azimuth_deg: object = 0.0,
         roll_deg: object = 0.0,
         *,
+        force_n: object = None,
+        contact: str | None = None,
+        cell_m: float = Press.cell_m,
+        steps: int = 24,
         out: TouchImages | None = None,
     ) -> BatchTouches:
-        """Press at points until the gel is indented by a depth, under the rigid model.
+        """Press at points until the gel is indented by a depth, or bears a force.
 
         Parameters
         ----------
@@ -148,15 +163,28 @@ class TouchBatch:
             (n,) which of the objects each touch is of, or one for all.
         points
             (n, 3) object frame, metres; the nearest points of the surfaces are touched.
-        depth_m, tilt_deg, azimuth_deg, roll_deg
+        depth_m, force_n, tilt_deg, azimuth_deg, roll_deg
             As of `Press`: a number or (n,). Their ranges are not checked, which would wait for the device.
+        contact, cell_m
+            As of `Press`.
+        steps
+            Of the elastic contact, all taken. `BatchTouches.relative_residual` says how exact it is then.
         out
             Images to be filled; new ones if None.
+
+        Raises
+        ------
+        QueryError
+            As `Press`; arrays of other shapes, `out` of another size.
         """
+        asked = Press(force_n=force_n, contact=contact)  # type: ignore[arg-type]
+        bends = asked.contact_model == "elastic"
+        if force_n is not None and depth_m is not None:
+            raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
         count = len(points)  # type: ignore[arg-type]
         which = object_indices(objects, count, self.count, self.device)
         places = numbers("points", points, (count, 3), self.device)
-        depths = numbers("depth_m", depth_m, (count,), self.device)
+        depths = numbers("depth_m", DEFAULT_DEPTH_M if depth_m is None else depth_m, (count,), self.device)
         degrees = ("tilt_deg", tilt_deg), ("azimuth_deg", azimuth_deg), ("roll_deg", roll_deg)
         turns = [numbers(name, value, (count,), self.device) for name, value in degrees]
         angles = torch.deg2rad(torch.stack(turns, dim=1))
@@ -177,16 +205,34 @@ class TouchBatch:
         )  # fmt: skip
         offset = torch.empty_like(depths)
         reachable, blocked = (torch.empty(count, dtype=torch.bool, device=self.device) for _ in range(2))
+        # The elastic gel is pressed from its first contact on.
         contact_bodies.advance(
-            count, which, depths, *self._faces, self._gel, self._housing, self._diagonals, poses, offset,
-            reachable, blocked,
+            count, which, 0 * depths if bends else depths, *self._faces, self._gel, poses, offset, blocked
+        )
+        if bends:
+            limit = greatest_depth_m(self.sensor)
+            force = None if force_n is None else numbers("force_n", force_n, (count,), self.device)
+            most = depths if force is None else torch.full_like(depths, limit)
+            images = TouchImages.empty(count, self.sensor, self.device) if out is None else out
+            self._check(images, count)
+            layer = self._layers(cell_m)
+            answers = self._press_elastic(layer, which, poses, blocked, most, force, steps, images)
+            penetration, bears, residual = (answer.to(torch.float64) for answer in answers)
+            moved = penetration if force is not None else depths
+            poses[:, :3, 3] += moved[:, None] * poses[:, :3, 0]
+            saturated = penetration >= limit - TOLERANCE_M
+        else:
+            images = self._see(which, poses, blocked, out)
+            saturated = ~blocked & (depths >= saturation_depth_m(self.sensor) - TOLERANCE_M)
+            penetration = torch.where(blocked, 0.0, depths)
+            bears = residual = torch.full_like(depths, torch.nan)
+        contact_bodies.fit(
+            count, which, penetration, *self._faces, self._housing, self._diagonals, poses, offset, blocked,
+            reachable,
         )  # fmt: skip
-        images = self._see(which, poses, blocked, out)
-        saturated = ~blocked & (depths >= saturation_depth_m(self.sensor) - TOLERANCE_M)
-        penetration = torch.where(blocked, 0.0, depths)
         return BatchTouches(
             images.rgb, images.depth_m, images.mask, poses, touched, normals, reachable, offset, penetration,
-            saturated,
+            saturated, bears, residual,
         )  # fmt: skip
 
     def see(
@@ -208,16 +254,9 @@ class TouchBatch:
     def _see(self, which: Tensor, poses: Tensor, blocked: Tensor, out: TouchImages | None) -> TouchImages:
         count = len(which)
         images = TouchImages.empty(count, self.sensor, self.device) if out is None else out
-        if images.mask.shape != (count, self.sensor.image_height, self.sensor.image_width):
-            raise QueryError("out", f"shape {tuple(images.mask.shape)}", f"Give room for {count} touches.")
-        counts = torch.empty_like(which)
-        contact_bodies.count(count, which, poses, *self._faces, self._gel, blocked, counts)
-        starts = _starts(counts)
-        rows = max(1, int(starts[-1]))
-
-        def room(*shape: int, kind: torch.dtype = torch.float64) -> Tensor:
-            return torch.empty(shape, dtype=kind, device=self.device)
-
+        self._check(images, count)
+        starts, rows = self._faces_near(which, poses, blocked, torch.zeros_like(poses[:, 0, 0]))
+        room = self._room
         planes = room(rows, contact_bodies.PLANES, kind=self._kind)
         maps, windows = room(rows, 9, kind=self._kind), room(rows, 4, kind=torch.int32)
         reach = room(max(1, count), 4, kind=torch.int32)
@@ -238,6 +277,56 @@ class TouchBatch:
                 self._shadows.cast(picture, depth)
             images.rgb.copy_(torch.from_numpy(pictures))
         return images
+
+    def _check(self, images: TouchImages, count: int) -> None:
+        if images.mask.shape != (count, self.sensor.image_height, self.sensor.image_width):
+            raise QueryError("out", f"shape {tuple(images.mask.shape)}", f"Give room for {count} touches.")
+
+    def _room(self, *shape: int, kind: torch.dtype = torch.float64) -> Tensor:
+        return torch.empty(shape, dtype=kind, device=self.device)
+
+    def _faces_near(
+        self, which: Tensor, poses: Tensor, blocked: Tensor, margins: Tensor
+    ) -> tuple[Tensor, int]:
+        """Return where the faces near each gel begin among those of all, (n + 1,), and how many there are."""
+        counts = torch.empty_like(which)
+        contact_bodies.count(len(which), which, poses, *self._faces, self._gel, blocked, margins, counts)
+        starts = _starts(counts)
+        return starts, max(1, int(starts[-1]))
+
+    def _layer(self, cell_m: float) -> tuple[elastic.Layer, elastic.ElasticView]:
+        layer = elastic.Layer(self.sensor, cell_m, self.device, self._numbers)
+        return layer, elastic.ElasticView(self.sensor, self._samples, layer, self._look)
+
+    def _press_elastic(
+        self, gel: tuple[elastic.Layer, elastic.ElasticView], which: Tensor, poses: Tensor, blocked: Tensor,
+        most: Tensor, force: Tensor | None, steps: int, images: TouchImages,
+    ) -> Tensor:  # fmt: skip
+        """Fill in images of gels pressed from poses on; return indentations, forces, residuals (3, n)."""
+        layer, view = gel
+        most = torch.where(blocked, 0.0, most)
+        answers = torch.empty((3, len(which)), dtype=self._kind, device=self.device)
+        for first in range(0, len(which), elastic.CHUNK):
+            here = slice(first, first + elastic.CHUNK)
+            margins = elastic.MARGIN * most[here]
+            starts, rows = self._faces_near(which[here], poses[here], blocked[here], margins)
+            forms, windows = (
+                self._room(rows, elastic_bodies.FORMS, kind=self._kind), self._room(rows, 4, kind=torch.int32)
+            )  # fmt: skip
+            elastic_bodies.lean(
+                len(margins), which[here], poses[here], *self._faces, self._corner_normals, self._gel,
+                blocked[here], margins, starts, layer.grid, self._room(rows),
+                self._room(rows, kind=torch.int64), self._room(rows, 3, 3), forms, windows,
+            )  # fmt: skip
+            gaps, slopes = layer.gaps_and_slopes(starts, windows, forms)
+            pressed = layer.press(gaps, most[here], None if force is None else force[here], steps)
+            parts = images.rgb[here], images.depth_m[here], images.mask[here]
+            view.see(pressed, slopes, parts)
+            for answer, part in zip(
+                answers, (pressed.indentation_m, pressed.force_n, pressed.relative_residual), strict=True
+            ):
+                answer[here] = part[: len(margins)]
+        return answers
 
 
 def _starts(counts: Tensor) -> Tensor:

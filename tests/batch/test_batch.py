@@ -9,6 +9,7 @@ from objectfolder.batch import Batch, TouchImages, WorldTouch
 from objectfolder.errors import QueryError
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.touches import Press
 from tests.docstring_examples import run_example
 
 pytestmark = pytest.mark.slow  # the bodies are compiled
@@ -73,7 +74,7 @@ def test_a_touch_in_a_batch_is_what_it_is_alone_and_fills_the_room_it_is_given(f
     assert together.rgb.data_ptr() == out.rgb.data_ptr()
     alone = touch.press(which[2:3], points[2:3], **{name: value[2:3] for name, value in asked.items()})
     for name, value in vars(alone).items():
-        assert bool((value[0] == getattr(together, name)[2]).all()), name
+        np.testing.assert_array_equal(value[0], getattr(together, name)[2], err_msg=name)
     reached = ~(together.penetration_m == 0)
     seen = touch.see(which, together.sensor_to_object)
     assert bool((seen.rgb[reached] == together.rgb[reached]).all())
@@ -90,6 +91,31 @@ def test_a_table_and_shadows_are_seen_as_by_a_single_press(files, name, size):
     answer = Batch([bell], "cpu", sensor=sensor).touch.press(0, points)
     assert np.abs(answer.rgb.numpy().astype(int) - true.rgb).max() <= 1
     assert true.mask.any()
+
+
+@pytest.mark.parametrize("load", [{"depth_m": [0.0003, 0.0012, 0.0009]}, {"force_n": [0.0, 4.0, 500.0]}])
+def test_elastic_touches_are_those_of_single_presses_and_state_their_residuals(files, load):
+    sensor = files[0].touch.sensor.at_resolution(40, 30)
+    which, load = np.array([1, 0, 1]), {name: np.array(value) for name, value in load.items()}
+    points = np.concatenate([files[index].sample_contacts(1, seed=2)[0] for index in which])
+    touch, cells = Batch(files, "cpu", sensor=sensor).touch, {"cell_m": 0.0005, "tilt_deg": 10.0}
+    answer = touch.press(which, points, contact="elastic", steps=40, **cells, **load)
+    assert float(answer.relative_residual.max()) < 2e-5
+    for row, index in enumerate(which):
+        asked = Press(contact="elastic", **cells, **{name: value[row] for name, value in load.items()})
+        true = press(files[index].touch.net._patches, sensor, points[row : row + 1], asked)
+        for name, close in (
+            ("force_n", 1e-5 * true.force_n[0]), ("penetration_m", 1e-8), ("sensor_to_object", 1e-8),
+            ("first_contact_offset_m", 1e-12), ("depth_m", 3e-7),
+        ):  # fmt: skip
+            difference = np.abs(getattr(answer, name)[row].numpy() - getattr(true, name)[0]).max()
+            assert difference <= close, (row, name, difference)
+        assert np.abs(answer.rgb[row].numpy().astype(int) - true.rgb[0]).max() <= 2
+        assert np.count_nonzero(answer.mask[row].numpy() != true.mask[0]) <= 1
+        assert bool(answer.reachable[row]) == true.reachable[0]
+        assert bool(answer.saturated[row]) == true.saturated[0]
+    fewer = touch.press(which, points, contact="elastic", steps=4, **cells, **load).relative_residual
+    assert 1e-3 < float(fewer.max()) < 1
 
 
 def test_strikes_equal_single_ones_to_a_millionth_of_their_peaks(files):
@@ -164,6 +190,8 @@ def test_impossible_queries_name_what_is_wrong(files, monkeypatch):
         touch.press(0, np.zeros((2, 4)))
     with pytest.raises(QueryError, match="out"):
         touch.see(0, np.eye(4)[None], out=TouchImages.empty(2, touch.sensor, "cpu"))
+    with pytest.raises(QueryError, match="both given"):
+        touch.press(0, np.zeros((1, 3)), 0.001, force_n=1.0)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     for device in ("cuda", "meta", "abacus"):
         with pytest.raises(QueryError, match="device"):
