@@ -93,10 +93,11 @@ def radial(ball: Surface):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "wavenumber_radius", [3.0, *(pytest.param(x, marks=RELEASE) for x in (0.3, 1.0, 10.0))]
+    ("wavenumber_radius", "subdivisions"),
+    [(3.0, 4), *(pytest.param(x, 5, marks=RELEASE) for x in (0.3, 1.0, 3.0, 10.0))],
 )
-def test_spheres_and_a_piston_are_heard_as_their_closed_forms(wavenumber_radius):
-    ball = sphere(5)
+def test_spheres_and_a_piston_are_heard_as_their_closed_forms(wavenumber_radius, subdivisions):
+    ball = sphere(subdivisions)
     found = radiate(ball, radial(ball), np.full(3, hertz(wavenumber_radius)))
     transfer = AirTransfer.of(found)
     for distance in (1.02 * RADIUS_M, 1.0):

@@ -98,7 +98,7 @@ def test_projected_vertices_lie_on_the_rendered_silhouette():
 
 
 @pytest.mark.slow
-def test_views_are_reproducible_whatever_the_threads_and_counts():
+def test_views_are_reproducible_whatever_the_threads_and_counts(monkeypatch):
     first = simulate_views(cube(), Appearance(), **SMALL, seed=5)
     again = simulate_views(cube(), Appearance(), **{**SMALL, "training_views": 2}, seed=5, threads=2)
     assert "bpy" not in sys.modules
@@ -115,6 +115,11 @@ def test_views_are_reproducible_whatever_the_threads_and_counts():
     np.testing.assert_allclose(first.attributes["frame"]["centre"], [0.3, -0.2, 0.1], atol=1e-12)
     assert first.attributes["frame"]["scale"] == pytest.approx(0.1)
     np.testing.assert_allclose(np.linalg.norm(first["camera_to_world"][:, :3, 3], axis=1), 2.5)
+    images = np.random.default_rng(0).random((5, 24, 32, 4)).astype(np.float16)
+    monkeypatch.setattr(
+        "objectfolder.vision.truth.views.render_in_children",
+        lambda scene, shots: images[: len(shots.camera_to_world)],
+    )
     other = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
     assert first.arrays.keys() - other.arrays.keys() == set(shapes) - {"rgba"}
     assert not np.array_equal(first["light_position"], other["light_position"])
