@@ -9,13 +9,16 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from bench.reality.gel import force_rows
+from bench.reality.gel import force_rows, marker_rows
 from bench.reality.row import Row, page
 from bench.record import REPOSITORY, arguments, write
 
 BUNDLE = REPOSITORY.parent / "shared" / "reality"
 # By the folder or file of the bundle that a comparison reads.
-COMPARISONS: dict[str, Callable[[Path], list[Row]]] = {"touch/mini_force.csv": force_rows}
+COMPARISONS: dict[str, Callable[[Path], list[Row]]] = {
+    "touch/mini_force.csv": force_rows,
+    "touch/markers": marker_rows,
+}
 COMPARED = "The product against measurements of real things, held out from what was fitted"
 
 

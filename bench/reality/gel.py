@@ -1,4 +1,4 @@
-"""The elastic gel against a measured one: the force on a ball pressed into a GelSight Mini."""
+"""The elastic gel against measured ones: the force of a GelSight Mini, and how markers move."""
 
 import csv
 from pathlib import Path
@@ -9,7 +9,7 @@ from trimesh.creation import icosphere
 from bench.reality.row import Row
 from bench.record import cpu_seconds
 from objectfolder.surface.surface import Surface
-from objectfolder.touch import Press, press, read_sensor
+from objectfolder.touch import Elastomer, Press, press, read_sensor, solve_contact, solve_shear, unsheared
 
 BALL_RADIUS_M = 0.0075
 # Depths from which the preset's modulus was identified.
@@ -18,6 +18,11 @@ FEATS = (
     "E. Helmut, L. Dziarski, N. Funk, B. Belousov, J. Peters 2024, arXiv:2411.03315; values of "
     "github.com/feats-ai/feats at f15e158 (MIT)"
 )
+# Of the picture: where the ball presses (column and row, by eye), and its scale. The contact is as wide as
+# the ball's 21 photographs have it in the median.
+MARKER_CENTRE, PIXELS_A_MM = (141.0, 121.0), 19.58
+MARKER_BALL_MM, MARKER_CONTACT_M = 4.70, 41 / 19.58e3
+FOTS = "github.com/Rancho-zhao/FOTS at 5bcde04 (MIT)"
 
 
 def force_rows(measured: Path) -> list[Row]:
@@ -44,6 +49,55 @@ def force_rows(measured: Path) -> list[Row]:
         fitted="Young's modulus, to 0.5 and 2 mm",
         held_out="1 and 1.5 mm",
         source=FEATS,
+        cpu_s=cpu_seconds() - start,
+    )
+    return [row]
+
+
+def marker_rows(measured: Path) -> list[Row]:
+    """Compare how far a pressed ball spreads the markers under and round it; see `Row`.
+
+    Neither force nor depth is known. The depth is the one at which the contact is as wide as those of the
+    same ball in other photographs, and the camera's perspective is in the product's figures.
+    """
+    start = cpu_seconds()
+    with (measured / "0.csv").open(encoding="utf-8", newline="") as lines:
+        markers = np.array([[float(value) for value in row.values()] for row in csv.DictReader(lines)])
+    away = (markers[:, :2] - MARKER_CENTRE) / PIXELS_A_MM
+    distance = np.hypot(*away.T)
+    moved = (markers[:, 2:] - np.median(markers[distance > 5][:, 2:], axis=0)) / PIXELS_A_MM
+    with np.errstate(invalid="ignore"):
+        outward = np.sum(moved * away, axis=1) / distance
+    sensor, x = read_sensor("gelsight-mini"), (np.arange(96) - 47.5) * 1e-4
+    gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
+    square = x[:, None] ** 2 + x**2
+    radius = MARKER_BALL_MM * 5e-4
+    gap = np.where(square < radius**2, radius - np.sqrt(np.maximum(radius**2 - square, 0.0)), np.inf)
+    state = unsheared(gap.shape)
+    for depth in np.arange(1, 30) * 5e-5:
+        contact = solve_contact(gap, x[1] - x[0], gel, indentation_m=depth)
+        state = solve_shear(contact, gel, 1.0, (0.0, 0.0), before=state, tolerance=1e-3)
+        if contact.contact_area_m2 > np.pi * MARKER_CONTACT_M**2:
+            break
+    slipping = solve_shear(contact, gel, 0.0, (0.0, 0.0))
+    nearer = contact.displacement_m[48, 48:]
+    seen = x[48:] * nearer / (sensor.gel_apex_m[0] - nearer)
+    figures = {}
+    for name, low, high in (("inside", 0.2, 1.7), ("at the rim", 1.7, 2.3), ("outside", 2.3, 5.0)):
+        ring = (distance > low) & (distance < high)
+        figures[f"{name}, measured"] = 1e3 * float(outward[ring].mean())
+        for friction, shear in (("no friction", slipping), ("friction 1", state)):
+            along = np.interp(distance[ring] * 1e-3, x[48:], shear.displacement_m[1, 48, 48:] + seen)
+            figures[f"{name}, {friction}"] = 1e6 * float(along.mean())
+    row = Row(
+        sense="touch",
+        thing="markers of a GelSight",
+        quantity="outward shift under a ball of 4.7 mm, micrometres",
+        figures=figures,
+        repeatability="whole pixels, 51 micrometres",
+        fitted="depth, to the width of the contact",
+        held_out="all shifts; indicative, as the force is not known",
+        source=FOTS,
         cpu_s=cpu_seconds() - start,
     )
     return [row]
