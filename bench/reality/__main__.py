@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+from bench.reality import sound
 from bench.reality.gel import force_rows, marker_rows
 from bench.reality.row import Row, page
 from bench.record import REPOSITORY, arguments, write
@@ -16,6 +17,7 @@ from bench.record import REPOSITORY, arguments, write
 BUNDLE = REPOSITORY.parent / "shared" / "reality"
 # By the folder or file of the bundle that a comparison reads.
 COMPARISONS: dict[str, Callable[[Path], list[Row]]] = {
+    "sound": sound.compare,
     "touch/mini_force.csv": force_rows,
     "touch/markers": marker_rows,
 }

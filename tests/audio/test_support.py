@@ -7,6 +7,7 @@ import pytest
 
 import objectfolder
 from objectfolder.audio.synthesis import Support
+from objectfolder.audio.synthesis.support import LYING_PER_S
 from objectfolder.errors import QueryError
 from objectfolder.object_file import ObjectFile
 
@@ -60,6 +61,18 @@ def test_a_support_is_heard_in_strikes_streams_and_nowhere_when_it_is_nothing(ba
     np.testing.assert_allclose(stream.block(sound.shape[1])[0], sound[0], atol=1e-5)
 
 
+def test_what_lies_decays_faster_by_one_rate(bar: ObjectFile) -> None:
+    points = bar.sample_contacts(1, seed=4, reachable=False)[0]
+    body, lying = bar.sound._struck_body(None), bar.sound._struck_body(None, "lying")
+    np.testing.assert_array_equal(lying.eigenvalues, body.eigenvalues)
+    np.testing.assert_array_equal(lying.dampings_per_s, body.dampings_per_s + LYING_PER_S)
+    both = Support(points, damping_n_s_m=3.0, rate_per_s=7.0)
+    alone, shapes = Support(points, damping_n_s_m=3.0), bar.modes.gains(points)
+    np.testing.assert_allclose(both.added(shapes)[1], alone.added(shapes)[1] + 7.0)
+    with pytest.raises(QueryError, match="'held'"):
+        bar.strike(points, support="held")
+
+
 def test_points_share_what_is_given_as_one_number(bar: ObjectFile) -> None:
     point = bar.sample_contacts(1, seed=5, reachable=False)[0]
     once, twice = Support(point, 7.0, 3.0), Support(np.repeat(point, 2, axis=0), 7.0, 3.0)
@@ -83,6 +96,8 @@ def test_a_grip_is_where_it_is_and_a_foot_lies_lowest(bar: ObjectFile) -> None:
 def test_what_is_no_support_is_refused(bar: ObjectFile) -> None:
     for given, said in (
         ({"points": np.zeros(4)}, "support"),
+        ({}, "support"),
+        ({"rate_per_s": -1.0}, "rate_per_s"),
         ({"points": np.zeros(3), "stiffness_n_m": -1.0}, "stiffness_n_m"),
         ({"points": np.zeros((2, 3)), "damping_n_s_m": [1.0, 2.0, 3.0]}, "damping_n_s_m"),
     ):

@@ -1,5 +1,12 @@
 """The page of the comparison with real things."""
 
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.reality import sound
 from bench.reality.row import Row, page
 
 
@@ -10,3 +17,14 @@ def test_the_page_groups_lines_by_sense_and_cites_each_source_once():
     assert text.count("| a bowl | decay | median 1.04, worst 1.9 | not known | nothing | all | 2.0 |") == 2
     assert text.index("## Sound") < text.index("a bowl") < text.index("## Touch") < text.index("a gel")
     assert text.count("Who, 2024") == 1
+
+
+def test_decays_are_those_of_what_lies_over_the_tables_within_the_band(tmp_path: Path) -> None:
+    """Half the time for 60 dB is twice the decay rate; what is outside of the band does not count."""
+    glass = sound.read_materials(sound.MATERIALS)["glass"]
+    hertz = np.array([100.0, 1000.0, 8000.0, 17000.0])
+    rates = np.pi * hertz * glass.loss_factor + sound.LYING_PER_S
+    path = tmp_path / "glass.json"
+    path.write_text(json.dumps({"cf": hertz.tolist(), "rt": (3 * np.log(10) / rates / 2).tolist()}))
+    np.testing.assert_allclose(sound._decay_ratios(path, glass), [0.5, 0.5])
+    assert sound._rms_factor(np.array([2.0, 0.5])) == pytest.approx(2)

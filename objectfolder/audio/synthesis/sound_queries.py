@@ -37,6 +37,7 @@ LARGEST_FORCE = 1e12
 SAMPLE_RATES_HZ = (1.0, 1e8)
 LONGEST_S = 1e6
 MOST_MODES = 10**9  # that a query may name: more than there are stands for all
+LYING = "lying"  # `Support.lying` by name
 LEAST_KG = 1e-9  # of a body whose mass is not known
 
 
@@ -73,7 +74,7 @@ class SoundQueries:
         pulse: Pulse = None,
         observed: str | ArrayLike = CONTACT,
         listener: ArrayLike | None = None,
-        support: Support | None = None,
+        support: Support | str | None = None,
     ) -> Sound:
         """Sound the object under contacts.
 
@@ -110,7 +111,8 @@ class SoundQueries:
             every direction as it radiates there; places are then outside of the sphere round the object.
             Without it, and for the click, models are used, described in `objectfolder.audio.synthesis.air`.
         support
-            What holds or carries the object; None, nothing: it is free.
+            What holds or carries the object: a `Support`, or ``"lying"`` for `Support.lying`; None, nothing:
+            it is free.
 
         Returns
         -------
@@ -243,7 +245,7 @@ class SoundQueries:
         *,
         observed: str | ArrayLike = CONTACT,
         listener: ArrayLike | None = None,
-        support: Support | None = None,
+        support: Support | str | None = None,
     ) -> ObjectStream:
         """Return a silent stream: contacts are added as they come, sound is taken in blocks.
 
@@ -271,7 +273,7 @@ class SoundQueries:
         self, points: ArrayLike, impulses_n_s: ArrayLike | None = None, duration_s: float = 2.0,
         sample_rate_hz: float = 44100, *, modes: int | None = None, forces_n: ArrayLike | None = None,
         pulse: Pulse = None, observed: str | ArrayLike = CONTACT, listener: ArrayLike | None = None,
-        support: Support | None = None,
+        support: Support | str | None = None,
     ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:  # fmt: skip
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
         at, pushes = self._pushes(points, impulses_n_s, forces_n)
@@ -357,7 +359,7 @@ class SoundQueries:
             raise FormatError("audio", f"{finding}, above {LARGEST_SHAPE:g}", REMEDY)
         return gains
 
-    def _struck_body(self, modes: int | None, support: Support | None = None) -> StruckBody:
+    def _struck_body(self, modes: int | None, support: Support | str | None = None) -> StruckBody:
         """Modes, as a support changes them, and body as synthesis takes them.
 
         Raises
@@ -369,8 +371,10 @@ class SoundQueries:
             finding = f"the object has no sound: {self.net.absent}"
             raise QueryError("audio", finding, "It can be seen and felt.")
         modes = None if modes is None else whole("modes", modes, 0, MOST_MODES)
+        if isinstance(support, str) and support == LYING:
+            support = Support.lying()
         if not isinstance(support, Support | None):
-            raise QueryError("support", reprlib.repr(support), "Give a `Support`, or None.")
+            raise QueryError("support", reprlib.repr(support), f"Give a `Support`, {LYING!r} or None.")
         net, body, material = self.net, self.description.get("body"), self.description.get("material")
         rigid = None
         if body:

@@ -142,6 +142,7 @@ def strike_points(
         forces_n=forces,
         pulse=body or pulse_s,
         listener=np.array(wanted.listener) if wanted.listener else None,
+        support=None if wanted.support == "free" else wanted.support,
     )
     peak = max((float(np.abs(sounds).max(initial=0.0)) for _, sounds in strikes()), default=0.0)
     gain = listening_gain(peak) if wanted.gain is None else wanted.gain

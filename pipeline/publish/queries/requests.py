@@ -77,6 +77,8 @@ class Striking:
     listener
         X Y Z, metres, object frame: write the pressure there (Pa, approximate), not surface velocity
         (m/s); twice for stereo
+    support
+        free, or lying as on a table, which lets every mode die sooner
     gain
         factor of what is written; 1 keeps m/s or Pa, which players clip (default: the loudest sound peaks
         3 dB below full scale)
@@ -90,6 +92,7 @@ class Striking:
     duration_s: float = 2.0
     sample_rate_hz: int = 44100
     listener: tuple[tuple[float, float, float], ...] = ()
+    support: Literal["free", "lying"] = "free"
     gain: float | None = None
     materials: Path = MATERIALS
 
