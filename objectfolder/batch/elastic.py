@@ -127,7 +127,9 @@ class Layer:
         if total is None:
             factor = _sum(penetration * pressure) / _sum(displacement * pressure).clamp_min(1e-30)
         else:
-            factor = total / _sum(pressure).clamp_min(1e-30)
+            # A lane without pressure holds only roundings of its neighbour's displacement.
+            loaded = _sum(pressure)
+            factor = torch.where(loaded > 0, total / loaded, 0.0)
         pressure *= _lanes(factor)
         displacement *= _lanes(factor)
         touching = _sum(pressure > 0)
