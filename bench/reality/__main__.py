@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bench.reality import sound
+from bench.reality.fitted_sound import fitted_sound_rows
 from bench.reality.gel import force_rows, marker_rows
 from bench.reality.row import Row, page
 from bench.record import REPOSITORY, arguments, write
@@ -18,6 +19,7 @@ BUNDLE = REPOSITORY.parent / "shared" / "reality"
 # By the folder or file of the bundle that a comparison reads.
 COMPARISONS: dict[str, Callable[[Path], list[Row]]] = {
     "sound": sound.compare,
+    "sound/bowl": fitted_sound_rows,
     "touch/mini_force.csv": force_rows,
     "touch/markers": marker_rows,
 }

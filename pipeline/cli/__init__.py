@@ -33,7 +33,10 @@ NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 # Extras of pyproject.toml that have a package which `factory` lacks.
 EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
 COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
-    "One object": (one.build, one.info, one.sample, one.render, one.strike, one.press, one.modes, one.view),
+    "One object": (
+        one.build, one.info, one.sample, one.render, one.strike, one.press, one.modes, one.fit_sound,
+        one.view,
+    ),
     "Tables of objects": (tables.add, tables.check, tables.fetch),
     "Data set": (data_set.select, data_set.plan, data_set.status, data_set.clean),
     "Stages, as dvc.yaml runs them": (

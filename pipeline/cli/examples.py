@@ -22,6 +22,10 @@ EXAMPLES = {
         "press mug.safetensors --points 4 --force 2 -o touches",
     ),
     "modes": ("modes mug.safetensors", "modes mug.obj --material ceramic --max-frequency 20000 --json"),
+    "fit-sound": (
+        "fit-sound strike_0.wav strike_1.wav bowl.obj --material ceramic -o bowl.csv",
+        "fit-sound strike.wav mug.obj --material ceramic --mass 0.31 --hold-wall --json",
+    ),
     "view": ("view mug.safetensors", "view data/object_files"),
     "add": ("add mug.obj --material ceramic --length 0.12 --licence CC0-1.0 --table data/my_objects.csv",),
     "check": ("check data/my_objects.csv --strict",),

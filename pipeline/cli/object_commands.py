@@ -1,6 +1,7 @@
-"""Commands for one object: build, info, sample, render, strike, press, modes, view."""
+"""Commands for one object: build, info, sample, render, strike, press, modes, fit-sound, view."""
 
 import json as json_text
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter
@@ -18,12 +19,13 @@ from pipeline.cli.printing import (
     print_result,
     status_line,
 )
-from pipeline.publish.queries.requests import ModesOfMesh, Pressing, Rendering, Striking
+from pipeline.publish.queries.requests import FittingOfSound, ModesOfMesh, Pressing, Rendering, Striking
 from pipeline.run.single_build import Building
 
 one_pulse = Group(show=False, validator=MutuallyExclusive())
 one_goal = Group(show=False, validator=MutuallyExclusive())
 ANY_MODES, ANY_VIEWS, ANY_STRIKES, ANY_PRESSES = ModesOfMesh(), Rendering(), Striking(), Pressing()
+ANY_FIT = FittingOfSound()
 
 
 def build(
@@ -210,6 +212,31 @@ def modes(
         result = solve_modes(mesh, wanted)
     print(json_text.dumps(result) if json else modes_table(result))
     return FAILED if result.get("accuracy_reached") is False else FINE
+
+
+def fit_sound(
+    *files: Annotated[Path, Parameter(help="recordings of strikes (WAV), then the mesh of the object")],
+    wanted: Annotated[FittingOfSound, Fields] = ANY_FIT,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Fit a material to recordings of the real object: E / rho, Poisson's ratio, walls, loss factor.
+
+    Parameters
+    ----------
+    output
+        write the fitted material as a materials table (CSV)
+    """
+    if output is not None:
+        check_new_file(output, overwrite=overwrite)
+    with on_interrupt(REPEATED), status_line("reading recordings") as show:
+        from pipeline.publish.queries.sound_fit import fit_lines, fit_sounds, write_row
+
+        result = fit_sounds(files, wanted, show)
+    if output is not None:
+        write_row(output, result["material"])
+    print(json_text.dumps(result) if json else fit_lines(result))
 
 
 def view(*files: ObjectFilePath, port: int = 0, no_browser: bool = False) -> None:

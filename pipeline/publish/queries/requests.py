@@ -178,6 +178,52 @@ class ModesOfMesh:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FittingOfSound:
+    """A mesh to fit to recordings of its object.
+
+    Parameters
+    ----------
+    material
+        a row of the materials table to begin from: what no recording tells stays as it is there
+    materials
+        materials table (CSV)
+    name
+        of the fitted material (default: the mesh's)
+    mass_kg
+        measured: gives the density (default: the table's density, for a recording tells E / rho alone)
+    hold_wall
+        keep the mesh's walls: the fitted material is then the one with which this mesh sounds best as it is
+    length_m
+        longest side in metres (default: as in the file)
+    max_frequency_hz
+        hertz
+    max_modes
+        largest number of modes
+    accuracy_cents
+        wanted error of the frequencies
+    wall_m
+        least thickness of walls in metres, where a scan fused them
+    shell_m
+        wall of a vessel that was scanned solid, metres
+    seed
+        of what is drawn at random
+    """
+
+    material: str | None = None
+    materials: Path = MATERIALS
+    name: str | None = None
+    mass_kg: float | None = None
+    hold_wall: bool = False
+    length_m: float | None = None
+    max_frequency_hz: float = 20000.0
+    max_modes: int = 256
+    accuracy_cents: float = 5.0
+    wall_m: float | None = None
+    shell_m: float | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Exporting:
     """An export of views, of a surface, or of what simulators need.
 
