@@ -303,15 +303,26 @@ def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path)
     for index, expected in enumerate(bar.render(*bar.sample_views(2, seed=4), resolution=20)):
         np.testing.assert_array_equal(np.asarray(Image.open(views / f"{index:04d}.png")), expected)
     few = ["--points", "2", "--seed", "5"]
-    assert main(["strike", file, *few, "--duration", "0.1", "--gain", "1", "-o", str(strikes)]) == 0
+    lying = ["--support", "lying"]
+    assert main(["strike", file, *few, *lying, "--duration", "0.1", "--gain", "1", "-o", str(strikes)]) == 0
     points, normals = bar.sample_contacts(2, seed=5, reachable=False)
-    for index, expected in enumerate(bar.strike(points, -normals, duration_s=0.1)):
+    for index, expected in enumerate(bar.strike(points, -normals, duration_s=0.1, support="lying")):
         np.testing.assert_array_equal(wavfile.read(strikes / f"{index:04d}.wav")[1], expected)
     assert main(["press", file, *few, "-o", str(touches)]) == 0
     fitting, _ = bar.sample_contacts(2, seed=5)
     np.testing.assert_array_equal(np.load(touches / "depth.npy"), bar.press(fitting).depth_m)
     np.save(tmp_path / "points.npy", points)
-    read = ["strike", file, "--points", str(tmp_path / "points.npy"), "--duration", "0.1", "--gain", "1"]
+    read = [
+        "strike",
+        file,
+        "--points",
+        str(tmp_path / "points.npy"),
+        *lying,
+        "--duration",
+        "0.1",
+        "--gain",
+        "1",
+    ]
     assert main([*read, "-o", str(tmp_path / "again")]) == 0
     sound = wavfile.read(tmp_path / "again" / "0001.wav")[1]
     np.testing.assert_allclose(sound, expected, atol=1e-3 * np.abs(expected).max())
@@ -527,11 +538,16 @@ def test_output_that_nobody_reads_ends_a_command_silently(words: list[str], stat
 def test_modes_of_an_object_file_are_those_it_stores(
     small_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stored = objectfolder.load(small_file).modes.frequencies_hz
+    modes = objectfolder.load(small_file).modes
+    stored = modes.frequencies_hz
     assert main(["modes", str(small_file), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["frequencies_hz"] == stored.tolist()
+    listed = json.loads(capsys.readouterr().out)
+    assert listed["frequencies_hz"] == stored.tolist()
+    np.testing.assert_allclose(listed["loss_factors"], modes.loss_factors)
     assert main(["modes", str(small_file)]) == 0
-    assert f"{len(stored)} modes below 20000 Hz in glass" in capsys.readouterr().out
+    table = capsys.readouterr().out
+    assert f"{len(stored)} modes below 20000 Hz in glass" in table
+    assert "damping: Rayleigh's law (alpha_per_s 1, beta_s 1e-07)" in table
     assert main(["modes", "box.obj"]) == 2
     assert "--material: not given. Materials are ceramic, " in _last_line(capsys)
 
