@@ -273,6 +273,15 @@ def test_the_minis_force_is_the_measured_one() -> None:
     assert touches.force_n == pytest.approx([1.650, 5.964, 13.526, 23.253], rel=0.03)
 
 
+def test_a_sensor_that_leans_more_than_its_pad_is_curved_presses_with_its_middle() -> None:
+    sensor = read_sensor("gelsight-mini").at_resolution(60, 80)
+    ball, point = Surface(*sphere(0.0075, 5)), np.tile([[0, 0, 0.0075]], (3, 1))
+    asked = Press(depth_m=0.001, tilt_deg=np.array([0, 2, 8]), samples=1, cell_m=0.0005, contact="elastic")
+    touches = press(ball, sensor, point, asked)
+    assert touches.force_n == pytest.approx(np.full(3, touches.force_n[0]), rel=0.02)
+    assert touches.mask[2].sum() > 100
+
+
 @pytest.mark.slow
 def test_finer_cells_converge() -> None:
     edge = FacePatches(Surface(*box((-0.003, -0.003, -0.02), (0.003, 0.003, 0.0))))

@@ -164,6 +164,7 @@ def first_touch_poses(
     """Poses (n, 4, 4), sensor_to_object, in which the undeformed gel just touches a flat surface at points.
 
     A tilted sensor rolls over the point on its curved gel: the gel's normal there opposes the surface's.
+    Where it would roll beyond the gel's border, or the gel is flat, the apex is at the point.
 
     Parameters
     ----------
@@ -199,6 +200,9 @@ def _first_touch_pose(
     y, z = y / x, z / x
     scale = radius / math.sqrt(stretch * stretch + (y * y + z * z)) if stretch > 0 else 0.0
     y, z = y * scale, z * scale
+    # Too flat a gel leans less than this at its border: its apex touches, as that of a flat one.
+    if abs(y) > gel[3] or abs(z) > gel[4]:
+        y, z = 0.0, 0.0
     sag = stretch * (radius - math.sqrt(max(radius * radius - (y * y + z * z), 0.0)))
     x, y, z = gel[0] - sag, gel[1] + y, gel[2] + z
     for axis in range(3):
