@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from objectfolder.touch.elastic.markers import Markers, moved_markers
     from objectfolder.touch.elastic.shear import Shear, solve_shear, unsheared
     from objectfolder.touch.sensor.calibration import fit_table
+    from objectfolder.touch.sensor.own_calibration import OwnCalibration, calibrate
     from objectfolder.touch.sensor.sensor import Sensor
     from objectfolder.touch.sensor.sensor_file import make_table, read_sensor
     from objectfolder.touch.touch_queries import TouchQueries
@@ -25,6 +26,7 @@ else:
             "elastic.markers": ["Markers", "moved_markers"],
             "elastic.shear": ["Shear", "solve_shear", "unsheared"],
             "sensor.calibration": ["fit_table"],
+            "sensor.own_calibration": ["OwnCalibration", "calibrate"],
             "sensor.sensor": ["Sensor"],
             "sensor.sensor_file": ["make_table", "read_sensor"],
             "touch_queries": ["TouchQueries"],
@@ -38,11 +40,13 @@ __all__ = [
     "Contact",
     "Elastomer",
     "Markers",
+    "OwnCalibration",
     "Press",
     "Sensor",
     "Shear",
     "TouchQueries",
     "Touches",
+    "calibrate",
     "fit_table",
     "force_depth_curve",
     "make_table",

@@ -21,6 +21,7 @@ from objectfolder.errors import ObjectFolderError
 from pipeline.cli import data_set_commands as data_set
 from pipeline.cli import object_commands as one
 from pipeline.cli import publishing_commands as publishing
+from pipeline.cli import sensor_commands as sensors
 from pipeline.cli import table_commands as tables
 from pipeline.cli import version_commands as versions
 from pipeline.cli.examples import FIRST_STEPS, epilogue
@@ -38,6 +39,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
         one.view,
     ),
     "Tables of objects": (tables.add, tables.check, tables.fetch),
+    "Sensors": (sensors.calibrate,),
     "Data set": (data_set.select, data_set.plan, data_set.status, data_set.clean),
     "Stages, as dvc.yaml runs them": (
         data_set.starter, data_set.products, data_set.stage, data_set.report, data_set.failures,

@@ -30,6 +30,10 @@ EXAMPLES = {
     "add": ("add mug.obj --material ceramic --length 0.12 --licence CC0-1.0 --table data/my_objects.csv",),
     "check": ("check data/my_objects.csv --strict",),
     "fetch": ("fetch ycb:025_mug gso:ACE_Coffee_Mug_Kristen_16_oz_cup", "fetch --list ycb"),
+    "calibrate": (
+        "calibrate photographs --ball 4.70 -o sensor.yaml",
+        "calibrate photographs --ball 4.70 --sensor gelsight --pixels-per-mm 19.58 -o sensor.yaml",
+    ),
     "select": ("select --table data/my_objects.csv", "select --only mug,bell"),
     "plan": ("plan", "plan --count 1000 --workers 2 64"),
     "status": ("status --json",),

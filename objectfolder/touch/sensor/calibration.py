@@ -4,6 +4,7 @@ The calibration of GelSight sensors (Yuan, Dong & Adelson 2017, Sensors 17(12); 
 in the contact the membrane has the slopes of a known sphere. Needs SciPy.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.renaming import formerly_positional
 from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.gel import gel_normals, gel_surface
 from objectfolder.touch.sensor.photometric_table import (
     CHANNELS,
     TERMS,
@@ -19,6 +21,7 @@ from objectfolder.touch.sensor.photometric_table import (
     place_terms,
 )
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import shade
 
 # Of the contact's radius: near its rim the gel no longer follows the ball.
 TRUSTED = 0.9
@@ -44,13 +47,13 @@ def fit_table(
     Parameters
     ----------
     sensor
-        Its camera and gel; flat. A table that it has counts for nothing.
+        Its camera and gel, flat or curved. A table that it has counts for nothing.
     images
         (n, height, width, 3) uint8, of the sensor's image size.
     centres_m
         (n, 2): y and z of the ball's centre in the sensor frame.
     depths_m
-        (n,): how deep its lowest point lies in the gel.
+        (n,): how deep its lowest point lies in the gel, along the sensor's axis.
     radius_m
         Of the ball.
     untouched
@@ -63,7 +66,7 @@ def fit_table(
     Raises
     ------
     InputError
-        Arrays of other shapes, a curved gel, or no contact in any image.
+        Arrays of other shapes, or no contact in any image.
 
     Examples
     --------
@@ -77,28 +80,85 @@ def fit_table(
     [0.5, 0.5, 0.5]
     """
     _check(sensor, images, centres_m, depths_m, untouched)
-    grid = ray_grid(sensor, 1)
-    u, v = (part.ravel() for part in np.meshgrid(grid.u, grid.v))
-    rays = np.stack([np.ones_like(u), u, v])
-    flat = np.zeros_like(rays)
-    flat[0] = -1.0
-    seen = [_seen(sensor, grid.gel_depth * rays, flat, untouched, grid.gel_depth > 0)]
+    seen = [gel_pixels(sensor, untouched)]
     for image, centre, depth in zip(images, centres_m, depths_m, strict=True):
-        position, normal, trusted = _ball(sensor, rays, centre, float(depth), radius_m)
-        if trusted.any():
-            seen.append(_seen(sensor, position, normal, image, trusted))
-    if len(seen) == 1:
+        seen.append(ball_pixels(sensor, image, centre, float(depth), radius_m))
+    if not any(pixels.shape[1] for pixels in seen[1:]):
         remedy = "Check centres_m, depths_m and radius_m."
         raise InputError("images", "the ball touches the gel in none", remedy)
-    return PhotometricTable(_least_squares(np.concatenate(seen, axis=1), shape, smoothness))
+    return normal_equations(np.concatenate(seen, axis=1), shape).solve(smoothness)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """What pixels say of the nodes of a table, to be added up over pictures and solved.
+
+    Parameters
+    ----------
+    shape
+        Slopes and directions of the table.
+    matrix, right
+        Sparse (m, m) and (m, 3): sums over the pixels.
+    count
+        How many pixels there are.
+    """
+
+    shape: tuple[int, int]
+    matrix: Any
+    right: np.ndarray
+    count: int
+
+    def __add__(self, other: "NormalEquations") -> "NormalEquations":
+        summed = self.matrix + other.matrix, self.right + other.right
+        return NormalEquations(self.shape, *summed, self.count + other.count)
+
+    def solve(self, smoothness: float) -> PhotometricTable:
+        """Return the table of least squared error, held smooth; `smoothness` as of `fit_table`."""
+        from scipy.sparse.linalg import spsolve
+
+        solution = spsolve(self._smoothed(smoothness), self.right / self.count)
+        nodes = solution.reshape(-1, TERMS, CHANNELS)[_unknowns(self.shape).reshape(self.shape)]
+        return PhotometricTable(np.moveaxis(nodes, 3, 0).astype(np.float16))
+
+    def spread(self, smoothness: float) -> np.ndarray:
+        """Deviation (slopes, directions) of the values at the gel's middle, for one of a pixel."""
+        inverse = np.linalg.inv(self._smoothed(smoothness).toarray()) / self.count
+        constant = np.sqrt(np.maximum(np.diag(inverse)[::TERMS], 0.0))
+        return np.asarray(constant[_unknowns(self.shape)].reshape(self.shape))
+
+    def _smoothed(self, smoothness: float) -> Any:
+        bending = _second_differences(self.shape, _unknowns(self.shape), self.matrix.shape[0]).tocsr()
+        held = smoothness / bending.shape[0] * (bending.T @ bending)
+        return (self.matrix / self.count + held).tocsc()
+
+
+def _rays(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Rays (3, n) of the pixels, 1 along the axis, and depths (n,) of the untouched gel along them."""
+    grid = ray_grid(sensor, 1)
+    u, v = (part.ravel() for part in np.meshgrid(grid.u, grid.v))
+    return np.stack([np.ones_like(u), u, v]), grid.gel_depth
+
+
+def gel_pixels(sensor: Sensor, untouched: np.ndarray) -> np.ndarray:
+    """Return what the pixels of the untouched gel say, as `normal_equations` takes it."""
+    rays, depth = _rays(sensor)
+    position = depth * rays
+    y, z = position[1:] + np.asarray(sensor.camera_position_m)[1:, None]
+    return _seen(sensor, position, gel_normals(sensor, y, z), untouched, depth > 0)
+
+
+def ball_pixels(
+    sensor: Sensor, image: np.ndarray, centre: np.ndarray, depth: float, radius: float
+) -> np.ndarray:
+    """Return what the pixels where the gel follows a ball say; arguments as of `fit_table`, of one."""
+    position, normal, trusted = _ball(sensor, _rays(sensor)[0], centre, depth, radius)
+    return _seen(sensor, position, normal, image, trusted)
 
 
 def _check(
     sensor: Sensor, images: np.ndarray, centres_m: np.ndarray, depths_m: np.ndarray, untouched: np.ndarray
 ) -> None:
     size = (sensor.image_height, sensor.image_width, 3)
-    if sensor.gel_sagitta_m != 0:
-        raise InputError(sensor.name, "its gel is curved", "A table is for a flat gel.")
     if images.ndim != 4 or images.shape[1:] != size or untouched.shape != size:
         found = f"shapes {images.shape} and {untouched.shape}"
         raise InputError("images", found, f"Give (n, {size[0]}, {size[1]}, 3) and one of them untouched.")
@@ -106,10 +166,9 @@ def _check(
         raise InputError("centres_m, depths_m", "not one for each image", "Give (n, 2) and (n,).")
 
 
-def _least_squares(seen: np.ndarray, shape: tuple[int, int], smoothness: float) -> np.ndarray:
-    """Coefficients (3, slopes, directions, 6) float16 of what `_seen` returned (7, m)."""
+def normal_equations(seen: np.ndarray, shape: tuple[int, int]) -> NormalEquations:
+    """Return what pixels (7, n) say of a table: slope, direction, place across and up, and three colours."""
     from scipy.sparse import coo_array
-    from scipy.sparse.linalg import spsolve
 
     slope, direction, across, up = seen[:4]
     nodes, weights = node_weights(slope, direction, shape)
@@ -119,11 +178,7 @@ def _least_squares(seen: np.ndarray, shape: tuple[int, int], smoothness: float) 
     entry = weights[:, :, None] * place_terms(across, up)
     count = int(unknown.max() + 1) * TERMS
     design = coo_array((entry.ravel(), (row.ravel(), column.ravel())), (len(slope), count)).tocsr()
-    bending = _second_differences(shape, unknown, count).tocsr()
-    normal_matrix = design.T @ design / len(slope) + smoothness / bending.shape[0] * (bending.T @ bending)
-    right = design.T @ seen[4:].T / len(slope)
-    solution = spsolve(normal_matrix.tocsc(), right).reshape(-1, TERMS, CHANNELS)
-    return np.moveaxis(solution[unknown.reshape(shape)], 3, 0).astype(np.float16)
+    return NormalEquations(shape, design.T @ design, design.T @ seen[4:].T, len(slope))
 
 
 def _ball(
@@ -131,15 +186,27 @@ def _ball(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where rays (3, n) meet a ball, from the camera; its normals there; and which meet it in the gel."""
     camera = np.asarray(sensor.camera_position_m)
-    middle = np.array([sensor.gel_apex_m[0] - depth + radius, *centre]) - camera
+    lowest = float(gel_surface(sensor, centre[0], centre[1])) - depth
+    middle = np.array([lowest + radius, *centre]) - camera
     along = middle @ rays
     squared = np.einsum("ij,ij->j", rays, rays)
     root = along**2 - squared * (middle @ middle - radius**2)
     position = (along - np.sqrt(np.maximum(root, 0.0))) / squared * rays
     normal = position - middle[:, None]
-    contact = np.sqrt(max(2 * radius * depth - depth**2, 0.0)) * TRUSTED
-    trusted = (root > 0) & (np.hypot(normal[1], normal[2]) < contact)
-    return position, normal, trusted
+    y, z = position[1:] + camera[1:, None]
+    indentation = gel_surface(sensor, y, z) - camera[0] - position[0]
+    return position, normal, (root > 0) & (depth > 0) & (indentation > (1 - TRUSTED**2) * depth)
+
+
+def ball_image(sensor: Sensor, centre: np.ndarray, depth: float, radius: float) -> np.ndarray:
+    """What a sensor shows of a ball (height, width, 3), grey levels; arguments as of `fit_table`, of one."""
+    rays, gel_depth = _rays(sensor)
+    position, normal, _ = _ball(sensor, rays, centre, depth, radius)
+    values = ray_grid(sensor, 1).gel_values.copy()
+    before = position[0] < gel_depth
+    place = position + np.asarray(sensor.camera_position_m)[:, None]
+    values[before] = shade(sensor, place[:, before], normal[:, before])
+    return np.asarray(values.reshape(sensor.image_height, sensor.image_width, CHANNELS) * 255.0)
 
 
 def _seen(

@@ -13,9 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.plugins import SENSORS, find_plugin, plugin_names
+from objectfolder.products.atomic import write_whole
 from objectfolder.renaming import REMOVED_IN
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
@@ -130,6 +133,42 @@ def read_sensor(source: Path | str, root: Path | None = None) -> Sensor:
     path = sensor_path(source, root)
     content = _yaml(path)
     return _sensor(path, content, _photometry(_Reader(path.name), path, content.get("photometry")))
+
+
+def write_sensor(path: Path, sensor: Sensor, comment: str) -> None:
+    """Write a sensor with a photometric table as a file that `read_sensor` reads, and its table beside it.
+
+    Parameters
+    ----------
+    path
+        Of the YAML file; the table has its name and the suffix ``.npy``.
+    comment
+        Lines at its head.
+    """
+    with needs_extra("factory"):
+        import yaml
+    assert sensor.photometric_table is not None
+    table = path.with_suffix(".npy")
+    content: dict[str, Any] = {"name": sensor.name}
+    for section, keys in SECTIONS.items():
+        content[section] = {key: _plain(getattr(sensor, field)) for key, (field, _) in keys.items()}
+    if sensor.background_blur_m:
+        content["background"] = {"gain": sensor.background_gain, "blur_m": sensor.background_blur_m}
+    if sensor.shadow_positions_m:
+        lamps = zip(sensor.shadow_positions_m, sensor.shadow_shares, strict=True)
+        content["shadows"] = {
+            **{key: getattr(sensor, field) for key, (field, _) in SHADOWS.items()},
+            "lamps": [{"position_m": list(position), "share": list(share)} for position, share in lamps],
+        }
+    content["photometry"] = {"model": "table", "table": table.name}
+    head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
+    np.save(table, sensor.photometric_table.coefficients)
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
+    write_whole(path, f"{head}{text}")
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def make_table(source: Path | str) -> PhotometricTable:

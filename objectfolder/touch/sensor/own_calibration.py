@@ -1,0 +1,302 @@
+"""The calibration of one's own sensor from photographs of a ball of known size pressed into its gel.
+
+Needs SciPy.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.touch.sensor.ball_prints import Print, find_prints
+from objectfolder.touch.sensor.calibration import (
+    NormalEquations,
+    ball_image,
+    ball_pixels,
+    gel_pixels,
+    normal_equations,
+)
+from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.gel import gel_sag
+from objectfolder.touch.sensor.sensor import Sensor
+
+SHAPE = (13, 24)
+# Weights of smoothness among which the photographs that are fitted choose, by leaving some out in turn.
+SMOOTHNESS = (1e-3, 1e-2, 1e-1, 1.0)
+FOLDS = 3
+# Of the contact's radius: what lies farther from every mark is untouched gel.
+UNTOUCHED = 2.2
+LEAST_PRINTS = 3
+ALIKE_PIXELS = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class OwnCalibration:
+    """A sensor with its table, how it was found, and how far it is from the photographs.
+
+    Parameters
+    ----------
+    sensor
+        With a photometric table, fitted to all photographs with a circle.
+    untouched
+        (height, width, 3) uint8: what it shows in this session when nothing touches it.
+    prints
+        Of each photograph, or why it has none.
+    uncertainty
+        (slopes, directions) grey levels: expected error of the table's nodes, at the middle of the gel. Where
+        the ball showed their slopes it is in the mean that of the photographs held out.
+    shown_deg
+        The steepest slope that a ball showed, degrees.
+    held_out
+        PSNR (m,) in the contact circle of every second photograph, by a table fitted to the others.
+    nothing, mean_patch
+        (m,) of the same: by the untouched picture, and by the mean of the others' patches.
+    repeatability
+        (k,) of pairs of photographs of nearly one press.
+    smoothness
+        Weight of smoothness of the table.
+    """
+
+    sensor: Sensor
+    untouched: np.ndarray
+    prints: list[Print | str]
+    uncertainty: np.ndarray
+    shown_deg: float
+    held_out: np.ndarray
+    nothing: np.ndarray
+    mean_patch: np.ndarray
+    repeatability: np.ndarray
+    smoothness: float
+
+
+def calibrate(
+    photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor, ball_m: float
+) -> OwnCalibration:
+    """Calibrate a sensor by photographs of a ball pressed into its gel.
+
+    Parameters
+    ----------
+    photographs
+        (n, height, width, 3) uint8.
+    untouched
+        (height, width, 3) uint8: the sensor when nothing touches it. Smooth differences of light between it
+        and the photographs are found from them.
+    sensor
+        What it is like otherwise: camera, gel, shadows; of the size of the photographs.
+    ball_m
+        Radius of the ball, metres.
+
+    Raises
+    ------
+    InputError
+        Fewer than `LEAST_PRINTS` photographs with a circle, or a ball larger than the gel.
+    """
+    if 2 * ball_m > min(sensor.gel_width_m, sensor.gel_height_m):
+        sides = f"{sensor.gel_width_m * 1e3:g} x {sensor.gel_height_m * 1e3:g} mm"
+        raise InputError(
+            "ball", f"{2e3 * ball_m:g} mm is larger than the gel of {sides}", "Use a smaller one."
+        )
+    try:
+        ray_grid(sensor, 1)
+    except ValueError as error:
+        raise InputError("sensor", str(error), "Give its magnification, or another sensor.") from error
+    scale = pixels_per_metre(sensor)
+    shown = _session(photographs, untouched, [])
+    prints = find_prints(photographs - shown, ball_m * scale)
+    shown = _session(photographs, untouched, prints)
+    prints = find_prints(photographs - shown, ball_m * scale)
+    good = [index for index, found in enumerate(prints) if isinstance(found, Print)]
+    if len(good) < LEAST_PRINTS:
+        finding = f"{len(good)} of {len(prints)} photographs show a contact circle"
+        raise InputError("photographs", finding, f"At least {LEAST_PRINTS} are needed.")
+    unmarked = np.clip(np.rint(shown), 0, 255).astype(np.uint8)
+    fit = _Fit(photographs, unmarked, sensor, ball_m, prints)
+    held_out, others = good[1::2], good[::2]
+    smoothness = fit.smoothness(others)
+    errors = fit.errors(others, held_out, smoothness)
+    whole = fit.equations(good)
+    table = whole.solve(smoothness)
+    shown_deg = max(np.degrees(np.arcsin(fit.circle(index).radius / (ball_m * scale))) for index in good)
+    spread = whole.spread(smoothness)
+    rows = np.linspace(0, 90, SHAPE[0]) <= shown_deg
+    level = np.sqrt(np.mean([_square(part) for part in errors]))
+    return OwnCalibration(
+        replace(_plain(sensor), photometric_table=table),
+        unmarked,
+        prints,
+        spread * level / np.sqrt((spread[rows] ** 2).mean()),
+        float(shown_deg),
+        _psnr(errors),
+        _psnr([(photographs[index] - shown)[fit.disc(index)] for index in held_out]),
+        _psnr(_from_mean_patch(photographs, fit, others, held_out)),
+        _psnr(_between_alike(photographs, fit, good)),
+        smoothness,
+    )
+
+
+def pixels_per_metre(sensor: Sensor) -> float:
+    """Magnification of a sensor at the apex of its gel."""
+    away = sensor.gel_apex_m[0] - sensor.camera_position_m[0]
+    return float(sensor.image_height / (2 * away * np.tan(np.radians(sensor.field_of_view_deg) / 2)))
+
+
+def at_magnification(sensor: Sensor, pixels_a_metre: float) -> Sensor:
+    """Return a sensor whose camera sees the gel's apex with that magnification.
+
+    Raises
+    ------
+    InputError
+        One by which the camera sees past the gel's borders.
+    """
+    away = sensor.gel_apex_m[0] - sensor.camera_position_m[0]
+    if not pixels_a_metre > 0:
+        raise InputError("pixels-per-mm", f"{pixels_a_metre / 1e3:g}", "It must be above 0.")
+    angle = float(np.degrees(2 * np.arctan(sensor.image_height / (2 * pixels_a_metre * away))))
+    try:
+        magnified = replace(sensor, field_of_view_deg=angle)
+        ray_grid(magnified, 1)
+    except ValueError as error:
+        raise InputError("pixels-per-mm", str(error), "Give another sensor or magnification.") from error
+    return magnified
+
+
+def _plain(sensor: Sensor) -> Sensor:
+    """The sensor without lights, and whose touches are laid over a background as they are."""
+    laid = {"background_gain": 1.0, "background_blur_pixels": 1, "background_blur_m": 0.0}
+    return replace(sensor, light_positions_m=(), light_colours=(), **laid)  # type: ignore[arg-type]
+
+
+class _Fit:
+    """Tables of some of the photographs, and their errors on others."""
+
+    def __init__(
+        self, photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor, ball_m: float,
+        prints: Sequence[Print | str],
+    ) -> None:  # fmt: skip
+        self._photographs, self._sensor, self._ball, self._prints = photographs, sensor, ball_m, prints
+        self._gel = normal_equations(gel_pixels(sensor, untouched)[:, ::4], SHAPE)
+        self._of: dict[int, NormalEquations] = {}
+
+    def circle(self, index: int) -> Print:
+        found = self._prints[index]
+        assert isinstance(found, Print)
+        return found
+
+    def disc(self, index: int) -> np.ndarray:
+        return self.circle(index).disc(self._photographs.shape[1:3])
+
+    def place(self, index: int) -> tuple[np.ndarray, float]:
+        """Centre (2,) of the ball across the sensor, and how deep it lies in the gel, metres."""
+        sensor, circle, scale = self._sensor, self.circle(index), pixels_per_metre(self._sensor)
+        right = circle.column - (sensor.image_width - 1) / 2
+        down = circle.row - (sensor.image_height - 1) / 2
+        contact = min(circle.radius / scale, 0.99 * self._ball)
+        deep = self._ball - np.sqrt(self._ball**2 - contact**2) + float(gel_sag(sensor, np.array(contact**2)))
+        return np.asarray(sensor.camera_position_m)[1:] - np.array([right, down]) / scale, float(deep)
+
+    def equations(self, chosen: Sequence[int]) -> NormalEquations:
+        total = self._gel
+        for index in chosen:
+            if index not in self._of:
+                seen = ball_pixels(self._sensor, self._photographs[index], *self.place(index), self._ball)
+                self._of[index] = normal_equations(seen, SHAPE)
+            total = total + self._of[index]
+        return total
+
+    def errors(self, chosen: Sequence[int], others: Sequence[int], smoothness: float) -> list[np.ndarray]:
+        """Errors (pixels, 3), grey levels, in the circles of others by the table of those chosen."""
+        table = self.equations(chosen).solve(smoothness)
+        sensor = replace(_plain(self._sensor), photometric_table=table)
+        return [
+            (ball_image(sensor, *self.place(index), self._ball) - self._photographs[index])[self.disc(index)]
+            for index in others
+        ]
+
+    def smoothness(self, chosen: Sequence[int]) -> float:
+        """Weight by which those chosen are best explained, each by a table of others of them."""
+        folds = [chosen[start::FOLDS] for start in range(min(FOLDS, len(chosen)))]
+
+        def error(weight: float) -> float:
+            return sum(
+                _square(part)
+                for fold in folds
+                for part in self.errors([one for one in chosen if one not in fold], fold, weight)
+            )
+
+        return min(SMOOTHNESS, key=error)
+
+
+def _session(photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Print | str]) -> np.ndarray:
+    """What the sensor shows untouched in the photographs' own light (height, width, 3).
+
+    The median of what no mark is near, where three photographs show that of every pixel. Else the untouched
+    picture and a quadratic polynomial of the place, fitted to what no mark is near.
+    """
+    shape = photographs.shape[1:3]
+    circles = [found for found in prints if isinstance(found, Print)]
+    clear = [
+        ~found.disc(shape, UNTOUCHED) if isinstance(found, Print) else np.full(shape, not prints)
+        for found in prints or [""] * len(photographs)
+    ]
+    if circles and (np.sum(clear, axis=0) >= LEAST_PRINTS).all():
+        hidden = np.where(np.array(clear)[..., None], photographs.astype(np.float32), np.nan)
+        return np.asarray(np.nanmedian(hidden, axis=0), dtype=np.float64)
+    down, across = (2 * part / length - 1 for part, length in zip(np.indices(shape), shape, strict=True))
+    terms = np.stack([np.ones(shape), across, down, across**2, across * down, down**2], axis=-1)
+    seen = np.concatenate([terms[some][::13] for some in clear])
+    change = np.concatenate(
+        [
+            (photo.astype(np.float64) - untouched)[some][::13]
+            for photo, some in zip(photographs, clear, strict=True)
+        ]
+    )
+    weight = np.ones(len(seen))
+    # What a mark changes counts little: least absolute errors, by weights.
+    for _ in range(8):
+        root = np.sqrt(weight)[:, None]
+        fitted = np.linalg.lstsq(seen * root, change * root, rcond=None)[0]
+        weight = 1 / np.maximum(np.abs(change - seen @ fitted).sum(axis=1), 3.0)
+    return np.asarray(untouched + terms @ fitted)
+
+
+def _from_mean_patch(
+    photographs: np.ndarray, fit: _Fit, chosen: Sequence[int], others: Sequence[int]
+) -> list[np.ndarray]:
+    """Errors in the circles of others by the mean of the patches of those chosen, centre on centre."""
+    return [
+        np.nanmean([_shifted(photographs[one], fit, one, index) for one in chosen], axis=0)
+        - photographs[index][fit.disc(index)]
+        for index in others
+    ]
+
+
+def _between_alike(photographs: np.ndarray, fit: _Fit, good: Sequence[int]) -> list[np.ndarray]:
+    """Differences between photographs whose circles are nearly the same, laid centre on centre."""
+    pairs = []
+    for position, one in enumerate(good):
+        for other in good[position + 1 :]:
+            a, b = fit.circle(one), fit.circle(other)
+            if max(np.hypot(a.column - b.column, a.row - b.row), abs(a.radius - b.radius)) < ALIKE_PIXELS:
+                difference = _shifted(photographs[other], fit, other, one) - photographs[one][fit.disc(one)]
+                pairs.append(difference[np.isfinite(difference).all(axis=1)])
+    return pairs
+
+
+def _shifted(photo: np.ndarray, fit: _Fit, one: int, to: int) -> np.ndarray:
+    """Values (pixels, 3) of a photograph in the circle of another, its own centre on the other's."""
+    a, b = fit.circle(one), fit.circle(to)
+    rows, columns = np.nonzero(fit.disc(to))
+    rows, columns = rows + round(a.row - b.row), columns + round(a.column - b.column)
+    inside = (rows >= 0) & (columns >= 0) & (rows < photo.shape[0]) & (columns < photo.shape[1])
+    values = np.full((len(rows), 3), np.nan)
+    values[inside] = photo[rows[inside], columns[inside]]
+    return values
+
+
+def _square(errors: np.ndarray) -> float:
+    return float(np.nanmean(errors.astype(np.float64) ** 2))
+
+
+def _psnr(errors: Sequence[np.ndarray]) -> np.ndarray:
+    return np.array([10 * np.log10(255**2 / max(_square(part), 1e-6)) for part in errors])

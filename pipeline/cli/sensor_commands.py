@@ -1,0 +1,61 @@
+"""The command for one's own tactile sensors: calibrate."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from pipeline.cli.options import Output
+from pipeline.cli.output_paths import check_new_file
+from pipeline.cli.printing import FINE, status_line
+
+
+def calibrate(
+    *photographs: Path,
+    ball: float,
+    output: Output = Path("sensor.yaml"),
+    untouched: Path | None = None,
+    sensor: str = "digit",
+    pixels_per_mm: float | None = None,
+    overwrite: bool = False,
+) -> int:
+    """Calibrate one's own tactile sensor by photographs of a ball pressed into its gel.
+
+    Centre and contact circle of each photograph are found; those without are named. A photometric table is
+    fitted, and the sensor written as a file that `sensor` of params.yaml names, its table beside it.
+
+    Parameters
+    ----------
+    photographs
+        pictures of one size, or a folder of them
+    ball
+        diameter of the ball, millimetres
+    output
+        the sensor's file (YAML)
+    untouched
+        picture of the untouched sensor (default: the one called background or untouched)
+    sensor
+        what the sensor is like otherwise: gel, housing, camera, shadows; a name or a file
+    pixels_per_mm
+        magnification of the photographs at the gel (default: that of --sensor)
+    overwrite
+        replace files that are there
+    """
+    from objectfolder.touch.sensor.own_calibration import at_magnification
+    from objectfolder.touch.sensor.own_calibration import calibrate as calibrated
+    from objectfolder.touch.sensor.sensor_file import read_sensor, write_sensor
+    from pipeline.intake.sensor_photographs import calibration_text, read_photographs
+
+    check_new_file(output, overwrite=overwrite)
+    found = read_photographs(photographs, untouched)
+    for fault in found.faults:
+        print(fault)
+    base = read_sensor(sensor).at_resolution(*found.untouched.shape[:2])
+    if pixels_per_mm is not None:
+        base = at_magnification(base, pixels_per_mm * 1e3)
+    with status_line("calibrating"):
+        answer = calibrated(found.pictures, found.untouched, base, ball / 2e3)
+    text = calibration_text(answer, found.names)
+    print(text)
+    mine = replace(answer.sensor, name=output.stem)
+    write_sensor(output, mine, f"Calibrated by a ball of {ball:g} mm, otherwise as {sensor}.\n{text}")
+    print(f"{output}, {output.with_suffix('.npy').name}")
+    return FINE

@@ -1,0 +1,129 @@
+"""Photographs of one's own tactile sensor, from files that may be anything, and what calibration says."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from objectfolder.errors import InputError
+from objectfolder.touch.sensor.ball_prints import Print
+from objectfolder.touch.sensor.own_calibration import OwnCalibration
+
+SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
+# Names, without suffix, of the picture of the untouched sensor in a folder.
+UNTOUCHED = ("background", "untouched")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPhotographs:
+    """Photographs of one size.
+
+    Parameters
+    ----------
+    names, pictures
+        Of those that can be used: (n,) file names and (n, height, width, 3) uint8.
+    untouched
+        (height, width, 3) uint8.
+    faults
+        A line for each of the others.
+    """
+
+    names: list[str]
+    pictures: np.ndarray
+    untouched: np.ndarray
+    faults: list[str]
+
+
+def read_photographs(given: Sequence[Path], untouched: Path | None = None) -> SensorPhotographs:
+    """Read photographs from files and folders; those of another size than the untouched one are left out.
+
+    Parameters
+    ----------
+    untouched
+        The picture of the untouched sensor; by default that among the others which is called so.
+
+    Raises
+    ------
+    InputError
+        No picture of the untouched sensor, or none that can be used beside it.
+    """
+    paths: list[Path] = []
+    for path in given:
+        inside = (
+            sorted(one for one in path.iterdir() if one.suffix.lower() in SUFFIXES)
+            if path.is_dir()
+            else [path]
+        )
+        paths += inside
+    if untouched is None:
+        untouched = next((path for path in paths if path.stem.lower() in UNTOUCHED), None)
+    if untouched is None:
+        names = " or ".join(f"{name}.png" for name in UNTOUCHED)
+        raise InputError(
+            "photographs", "none of the untouched sensor", f"Name it {names}, or give --untouched."
+        )
+    empty = _picture(untouched)
+    height, width = empty.shape[:2]
+    found: list[str] = []
+    pictures: list[np.ndarray] = []
+    faults: list[str] = []
+    for path in paths:
+        if path.resolve() == untouched.resolve():
+            continue
+        try:
+            picture = _picture(path)
+        except InputError as error:
+            faults.append(str(error))
+            continue
+        if picture.shape != empty.shape:
+            size = f"{picture.shape[1]} x {picture.shape[0]}"
+            faults.append(f"{path.name}: {size} pixels, the untouched one has {width} x {height}. Left out.")
+            continue
+        found.append(path.name)
+        pictures.append(picture)
+    if not pictures:
+        raise InputError(
+            "photographs", "none that can be used", " ".join(faults) or "Give files or a folder."
+        )
+    return SensorPhotographs(found, np.stack(pictures), empty, faults)
+
+
+def calibration_text(found: OwnCalibration, names: Sequence[str]) -> str:
+    """Return what a calibration found and how far it is from the photographs, a line each."""
+    lines = [
+        f"{name}: {circle}. Left out."
+        if isinstance(circle, str)
+        else f"{name}: centre {circle.column:.0f}, {circle.row:.0f}, radius {circle.radius:.0f} pixels"
+        for name, circle in zip(names, found.prints, strict=True)
+    ]
+    used = sum(isinstance(circle, Print) for circle in found.prints)
+    lines.append(
+        f"{used} of {len(names)} photographs used; PSNR in the contact circle of every second one, dB:"
+    )
+    figures = (
+        ("table fitted to the others", found.held_out),
+        ("mean patch of the others", found.mean_patch),
+        ("untouched picture", found.nothing),
+        ("two photographs of one press", found.repeatability),
+    )
+    for name, values in figures:
+        value = f"{values.mean():5.1f}, worst {values.min():5.1f}" if len(values) else "no two are alike"
+        lines.append(f"  {name:<29} {value}")
+    slopes = np.linspace(0, 90, len(found.uncertainty))
+    error = found.uncertainty.mean(axis=1)
+    steps = ", ".join(f"{slope:.0f}: {value:.0f}" for slope, value in zip(slopes, error, strict=True))
+    lines.append(
+        f"Slopes were shown up to {found.shown_deg:.0f} degrees. Expected error by slope, grey levels:"
+    )
+    lines.append(f"  {steps}")
+    return "\n".join(lines)
+
+
+def _picture(path: Path) -> np.ndarray:
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except (OSError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(path.name, f"cannot be read ({error})", "Give a picture.") from error

@@ -1,0 +1,110 @@
+"""A sensor is calibrated by photographs whose truth is known: those of the library's own sensor."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from touch_shapes import sphere
+
+from objectfolder.errors import InputError
+from objectfolder.surface.surface import Surface
+from objectfolder.touch import Press, calibrate, press, read_sensor
+from objectfolder.touch.sensor.ball_prints import Print, find_prints
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.own_calibration import pixels_per_metre
+from objectfolder.touch.truth.press import render_poses
+from pipeline.cli import main
+from pipeline.intake.sensor_photographs import read_photographs
+
+TRUE = read_sensor("digit-tacto").at_resolution(160, 120)
+RADIUS, DEPTH = 0.004, 0.001
+BALL = Surface(*sphere(RADIUS, 4))
+# From the gel's middle, metres.
+PLACES = np.array([(x, y) for x in (-0.0035, 0.0, 0.0035) for y in (-0.006, -0.003, 0.0, 0.003, 0.006)])
+
+
+@pytest.fixture(scope="module")
+def photographs() -> tuple[np.ndarray, np.ndarray]:
+    poses = np.tile(np.eye(4), (len(PLACES), 1, 1))
+    apex = np.asarray(TRUE.gel_apex_m)
+    for pose, place in zip(poses, PLACES, strict=True):
+        sag = float(np.sum(place**2)) / 0.065
+        pose[:3, 3] = -(apex + np.array([RADIUS - DEPTH - sag, *place]))
+    random = np.random.default_rng(0)
+    images = np.stack([image.rgb for image in render_poses(BALL, TRUE, poses)])
+    noisy = np.clip(images + random.normal(0, 1.5, images.shape), 0, 255).astype(np.uint8)
+    return noisy, no_contact_image(TRUE)
+
+
+def test_circles_are_found_where_the_ball_was_pressed(photographs) -> None:
+    images, untouched = photographs
+    scale = pixels_per_metre(TRUE)
+    blank = untouched[None].astype(int)
+    noise = np.random.default_rng(1).normal(0, 1.5, blank.shape)
+    prints = find_prints(np.concatenate([images.astype(int) - blank, noise]), RADIUS * scale)
+    for place, found in zip(PLACES, prints[:-1], strict=True):
+        assert isinstance(found, Print)
+        assert found.column == pytest.approx(59.5 - place[0] * scale, abs=3)
+        assert found.row == pytest.approx(79.5 - place[1] * scale, abs=3)
+    assert str(prints[-1]).startswith("no mark")
+
+
+@pytest.mark.slow
+def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs) -> None:
+    images, untouched = photographs
+    found = calibrate(images, untouched, TRUE, RADIUS)
+    assert found.held_out.mean() > found.nothing.mean() + 8
+    assert found.held_out.mean() > found.mean_patch.mean()
+    # What no ball showed is less certain than what one did.
+    steep = found.uncertainty[-1].mean()
+    assert steep > 3 * found.uncertainty[1:3].mean()
+    larger = Surface(*sphere(0.006, 4))
+    asked = np.array([[0.0, 0.0, 0.006]]), Press(depth_m=0.0006, samples=1)
+    truth, answer = (press(larger, one, *asked) for one in (TRUE, found.sensor))
+    touched = truth.mask[0]
+    error = (truth.rgb[0].astype(float) - answer.rgb[0])[touched]
+    empty = (truth.rgb[0].astype(float) - untouched)[touched]
+    assert (error**2).mean() < 0.2 * (empty**2).mean()
+
+
+def test_balls_and_photographs_that_cannot_be_are_refused(photographs) -> None:
+    images, untouched = photographs
+    with pytest.raises(InputError, match="24 mm is larger than the gel of 20 x 30 mm"):
+        calibrate(images, untouched, TRUE, 0.012)
+    with pytest.raises(InputError, match="1 of 2 photographs show a contact circle"):
+        calibrate(np.stack([images[7], untouched]), untouched, TRUE, RADIUS)
+
+
+def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Path) -> None:
+    grey = np.full((8, 6, 3), 90, dtype=np.uint8)
+    for name, picture in (("a.png", grey), ("b.png", grey[:4]), ("untouched.png", grey)):
+        Image.fromarray(picture).save(tmp_path / name)
+    (tmp_path / "c.jpg").write_bytes(b"no picture")
+    found = read_photographs([tmp_path])
+    assert found.names == ["a.png"]
+    assert len(found.faults) == 2
+    assert "b.png: 6 x 4 pixels, the untouched one has 6 x 8" in found.faults[0]
+    assert found.faults[1].startswith("c.jpg: cannot be read")
+    (tmp_path / "untouched.png").unlink()
+    with pytest.raises(InputError, match="none of the untouched sensor"):
+        read_photographs([tmp_path])
+
+
+@pytest.mark.slow
+def test_the_command_writes_a_sensor_that_is_read(photographs, tmp_path: Path, capsys) -> None:
+    images, untouched = photographs
+    for index, picture in enumerate(images):
+        Image.fromarray(picture).save(tmp_path / f"{index}.png")
+    Image.fromarray(untouched).save(tmp_path / "background.png")
+    mine = tmp_path / "mine.yaml"
+    given = [str(tmp_path), "--ball", "8", "--sensor", "digit-tacto", "-o", str(mine)]
+    assert main(["calibrate", *given]) == 0
+    said = capsys.readouterr().out
+    assert "15 of 15 photographs used" in said
+    assert "Expected error" in said
+    sensor = read_sensor(mine)
+    assert (sensor.name, sensor.image_height, sensor.gel_sagitta_m) == ("mine", 160, TRUE.gel_sagitta_m)
+    assert sensor.photometric_table is not None
+    assert main(["calibrate", *given]) == 1
+    assert "is there already" in capsys.readouterr().err
