@@ -12,6 +12,7 @@ from pathlib import Path
 from bench.reality import sound
 from bench.reality.fitted_sound import fitted_sound_rows
 from bench.reality.gel import force_rows, marker_rows
+from bench.reality.photographs import digit_rows, gelsight_rows
 from bench.reality.row import Row, page
 from bench.record import REPOSITORY, arguments, write
 
@@ -22,6 +23,8 @@ COMPARISONS: dict[str, Callable[[Path], list[Row]]] = {
     "sound/bowl": fitted_sound_rows,
     "touch/mini_force.csv": force_rows,
     "touch/markers": marker_rows,
+    "touch/digit": digit_rows,
+    "touch/gelsight": gelsight_rows,
 }
 COMPARED = "The product against measurements of real things, held out from what was fitted"
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.cli.options import Output
+from pipeline.cli.options import Json, Output
 from pipeline.cli.output_paths import check_new_file
 from pipeline.cli.printing import FINE, status_line
 
@@ -16,6 +16,7 @@ def calibrate(
     sensor: str = "digit",
     pixels_per_mm: float | None = None,
     overwrite: bool = False,
+    json: Json = False,
 ) -> int:
     """Calibrate one's own tactile sensor by photographs of a ball pressed into its gel.
 
@@ -42,11 +43,11 @@ def calibrate(
     from objectfolder.touch.sensor.own_calibration import at_magnification
     from objectfolder.touch.sensor.own_calibration import calibrate as calibrated
     from objectfolder.touch.sensor.sensor_file import read_sensor, write_sensor
-    from pipeline.intake.sensor_photographs import calibration_text, read_photographs
+    from pipeline.intake.sensor_photographs import calibration_json, calibration_text, read_photographs
 
     check_new_file(output, overwrite=overwrite)
     found = read_photographs(photographs, untouched)
-    for fault in found.faults:
+    for fault in () if json else found.faults:
         print(fault)
     base = read_sensor(sensor).at_resolution(*found.untouched.shape[:2])
     if pixels_per_mm is not None:
@@ -54,8 +55,9 @@ def calibrate(
     with status_line("calibrating"):
         answer = calibrated(found.pictures, found.untouched, base, ball / 2e3)
     text = calibration_text(answer, found.names)
-    print(text)
+    print(calibration_json(answer, found) if json else text)
     mine = replace(answer.sensor, name=output.stem)
     write_sensor(output, mine, f"Calibrated by a ball of {ball:g} mm, otherwise as {sensor}.\n{text}")
-    print(f"{output}, {output.with_suffix('.npy').name}")
+    if not json:
+        print(f"{output}, {output.with_suffix('.npy').name}")
     return FINE

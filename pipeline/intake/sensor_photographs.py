@@ -1,5 +1,6 @@
 """Photographs of one's own tactile sensor, from files that may be anything, and what calibration says."""
 
+import json as json_text
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,6 +120,24 @@ def calibration_text(found: OwnCalibration, names: Sequence[str]) -> str:
     )
     lines.append(f"  {steps}")
     return "\n".join(lines)
+
+
+def calibration_json(found: OwnCalibration, photographs: SensorPhotographs) -> str:
+    """Return what `calibration_text` says, and the faults of photographs, as JSON."""
+    figures = {
+        name: getattr(found, name).round(2).tolist()
+        for name in ("held_out", "mean_patch", "nothing", "repeatability")
+    }
+    circles = {
+        name: circle if isinstance(circle, str) else [circle.column, circle.row, circle.radius]
+        for name, circle in zip(photographs.names, found.prints, strict=True)
+    }
+    uncertainty = found.uncertainty.mean(axis=1).round(2).tolist()
+    said = {
+        "photographs": circles, "faults": photographs.faults, "psnr_db": figures,
+        "shown_deg": round(found.shown_deg, 1), "uncertainty_grey_levels": uncertainty,
+    }  # fmt: skip
+    return json_text.dumps(said, indent=1)
 
 
 def _picture(path: Path) -> np.ndarray:

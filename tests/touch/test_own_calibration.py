@@ -1,5 +1,6 @@
 """A sensor is calibrated by photographs whose truth is known: those of the library's own sensor."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -106,5 +107,7 @@ def test_the_command_writes_a_sensor_that_is_read(photographs, tmp_path: Path, c
     sensor = read_sensor(mine)
     assert (sensor.name, sensor.image_height, sensor.gel_sagitta_m) == ("mine", 160, TRUE.gel_sagitta_m)
     assert sensor.photometric_table is not None
+    assert main(["calibrate", *given, "--overwrite", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["psnr_db"]["held_out"]) == 7
     assert main(["calibrate", *given]) == 1
     assert "is there already" in capsys.readouterr().err

@@ -1,0 +1,154 @@
+"""Photographs of real sensors, into which a ball of known size is pressed, against simulated touches."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from bench.reality.row import Row
+from bench.record import cpu_seconds
+from objectfolder.surface.surface import Surface
+from objectfolder.touch import calibrate, read_sensor
+from objectfolder.touch.sensor.ball_prints import Print
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.own_calibration import OwnCalibration, at_magnification, pixels_per_metre
+from objectfolder.touch.sensor.reading import calibrated
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.press import render_poses
+
+BALL_M = 0.00235
+GELSIGHT_PIXELS_A_METRE = 19580.0
+# Half the side of the window about a mark, pixels.
+WINDOW = 70
+SOURCE = "Zhao et al. 2024, FOTS (RA-L 9(5)); repository Rancho-zhao/FOTS, commit 5bcde04, MIT"
+SECOND = "every second photograph"
+# Steps of the search for where a touch lies in a photograph, metres.
+SEARCH_M = (4e-4, 2e-4, 1e-4)
+
+
+def digit_rows(folder: Path) -> list[Row]:
+    """Compare with the photographs of a DIGIT; see `Row`."""
+    start = cpu_seconds()
+    sensor = read_sensor("digit").at_resolution(320, 240)
+    pictures, untouched = _photographs(folder)
+    found = calibrate(pictures, untouched, sensor, BALL_M)
+    calibration_s = cpu_seconds() - start
+    rows = [_calibrated("DIGIT of FOTS", found, calibration_s)]
+    start = cpu_seconds()
+    for name, fitted in (("digit", f"lights and shadows, {SECOND}"), ("digit-tacto", "")):
+        score = np.array(
+            [
+                _best_touch(read_sensor(name).at_resolution(320, 240), pictures[index], found, circle)
+                for index, circle in enumerate(found.prints)
+                if index % 2 and isinstance(circle, Print)
+            ]
+        )
+        figures = {
+            "mean": score[:, 0].mean(),
+            "worst": score[:, 0].min(),
+            "correlation": score[:, 1].mean(),
+            "no touch": score[:, 2].mean(),
+        }
+        rows.append(
+            Row(
+                "touch", "DIGIT of FOTS", f"window of 140 pixels, preset `{name}`, no table, PSNR in dB",
+                {name: float(value) for name, value in figures.items()}, _repeatability(found), fitted,
+                f"{SECOND}; where the touch lies is found in each", SOURCE, cpu_seconds() - start,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def gelsight_rows(folder: Path) -> list[Row]:
+    """Compare with the photographs of a GelSight; see `Row`."""
+    base = at_magnification(read_sensor("gelsight").at_resolution(320, 240), GELSIGHT_PIXELS_A_METRE)
+    pictures, untouched = _photographs(folder)
+    rows = []
+    for some, fewer in ((pictures, ""), (pictures[::2], ", fitted to a quarter")):
+        start = cpu_seconds()
+        found = calibrate(some, untouched, base, BALL_M)
+        rows.append(_calibrated(f"GelSight of FOTS{fewer}", found, cpu_seconds() - start))
+    return rows
+
+
+def _photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    paths = sorted(path for path in folder.glob("*.png") if path.stem != "background")
+    read = [np.asarray(Image.open(path).convert("RGB")) for path in (*paths, folder / "background.png")]
+    return np.stack(read[:-1]), read[-1]
+
+
+def _repeatability(found: OwnCalibration) -> str:
+    values = found.repeatability
+    return f"{values.min():.1f} to {values.max():.1f} dB" if len(values) else ""
+
+
+def _calibrated(thing: str, found: OwnCalibration, cpu_s: float) -> Row:
+    figures = {
+        "mean": found.held_out.mean(),
+        "worst": found.held_out.min(),
+        "mean patch": found.mean_patch.mean(),
+        "no touch": found.nothing.mean(),
+    }
+    used = sum(isinstance(circle, Print) for circle in found.prints)
+    fitted = f"a table, {used - len(found.held_out)} photographs"
+    return Row(
+        "touch", thing, "contact circle, calibrated by `objectfolder calibrate`, PSNR in dB",
+        {name: float(value) for name, value in figures.items()}, _repeatability(found), fitted,
+        f"{SECOND}; its circle is found in it", SOURCE, cpu_s,
+    )  # fmt: skip
+
+
+def _best_touch(
+    sensor: Sensor, photo: np.ndarray, found: OwnCalibration, circle: Print
+) -> tuple[float, float, float]:
+    """PSNR and correlation of the change of the best touch in the window, and PSNR of no touch."""
+    ball, untouched, empty = Surface(*_sphere()), found.untouched, no_contact_image(sensor)
+    row, column = round(circle.row), round(circle.column)
+    window = (
+        slice(max(row - WINDOW, 0), row + WINDOW),
+        slice(max(column - WINDOW, 0), column + WINDOW),
+    )
+    apex, scale = np.asarray(sensor.gel_apex_m), pixels_per_metre(sensor)
+
+    def change(place: np.ndarray) -> np.ndarray:
+        y, z = place[:2] + apex[1:]
+        pose = np.eye(4)
+        pose[:3, 3] = -np.array([float(gel_surface(sensor, y, z)) - place[2] + BALL_M, y, z])
+        laid = calibrated(render_poses(ball, sensor, pose[None])[0].rgb, empty, untouched, sensor)
+        return np.asarray((laid.astype(float) - untouched)[window])
+
+    true = (photo.astype(float) - untouched)[window]
+
+    def error(place: np.ndarray) -> float:
+        return float(np.mean((change(place) - true) ** 2))
+
+    best = np.array([-(column - 119.5) / scale, -(row - 159.5) / scale, 0.0012])
+    least = error(best)
+    for step in SEARCH_M:
+        for axis in (0, 1, 2):
+            for sign in (-1, 1):
+                while True:
+                    moved = best.copy()
+                    moved[axis] += sign * step
+                    value = error(moved) if 2e-4 < moved[2] < 2.2e-3 else np.inf
+                    if value >= least:
+                        break
+                    best, least = moved, value
+    correlation = np.corrcoef(change(best).ravel(), true.ravel())[0, 1]
+    return 10 * np.log10(255**2 / least), float(correlation), 10 * np.log10(255**2 / np.mean(true**2))
+
+
+def _sphere(subdivisions: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of the ball, from an octahedron."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
+    for _ in range(subdivisions):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
+        ab, bc, ca = (len(vertices) + inverse.ravel()).reshape(3, -1)
+        vertices = np.concatenate([vertices, vertices[unique].mean(axis=1)])
+        a, b, c = faces.T
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        faces = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return BALL_M * vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
