@@ -91,6 +91,18 @@ def calibrate(
     ------
     InputError
         Fewer than `LEAST_PRINTS` photographs with a circle, or a ball larger than the gel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from objectfolder.touch import calibrate, read_sensor
+    >>> sensor = read_sensor("digit").at_resolution(64, 48)
+    >>> grey = np.full((64, 48, 3), 90, np.uint8)
+    >>> try:
+    ...     calibrate(grey[None], grey, sensor, ball_m=0.00235)
+    ... except ValueError as error:
+    ...     print(error)
+    photographs: 0 of 1 photographs show a contact circle. At least 3 are needed.
     """
     if 2 * ball_m > min(sensor.gel_width_m, sensor.gel_height_m):
         sides = f"{sensor.gel_width_m * 1e3:g} x {sensor.gel_height_m * 1e3:g} mm"
