@@ -2,7 +2,8 @@
 
 Unattended, within 4 minutes, after nothing but numba-cuda and torch is installed. Each part is written to
 ``bench/results/gpu.json`` when it is done; one that fails leaves its error there, and the next begins.
-``--cpu`` runs every line on a CPU, with small batches; names of parts run those alone.
+``--cpu`` runs every line on a CPU, with small batches; names of parts run those alone, into the file that
+``--name`` names.
 """
 
 import argparse
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-RESULTS = Path(os.environ.get("BENCH_RESULTS", Path(__file__).with_name("results"))) / "gpu.json"
+RESULTS = Path(os.environ.get("BENCH_RESULTS", Path(__file__).with_name("results")))
 LIMIT_S = 230.0
 BATCHES = (1, 256, 4096, 16384)
 REPEATS = 9
@@ -30,10 +31,10 @@ STARTED = time.monotonic()
 class Run:
     """What is measured, on one device, and written after each part."""
 
-    def __init__(self, on_cpu: bool) -> None:
+    def __init__(self, on_cpu: bool, name: str) -> None:
         import torch
 
-        self.torch, self.on_cpu = torch, on_cpu
+        self.torch, self.on_cpu, self.name = torch, on_cpu, name
         self.device = "cpu" if on_cpu else "cuda"
         self.batches = (1, 8) if on_cpu else BATCHES
         self.figures: dict[str, Any] = {}
@@ -51,8 +52,9 @@ class Run:
         if isinstance(self.figures[name], dict):
             self.figures[name]["wall_s"] = round(time.monotonic() - begin, 2)
         print(name, json.dumps(self.figures[name]), flush=True)
-        RESULTS.parent.mkdir(parents=True, exist_ok=True)
-        RESULTS.write_text(json.dumps(content(self.figures), indent=1) + "\n", encoding="utf-8")
+        RESULTS.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(content(self.figures, self.name), indent=1)
+        (RESULTS / f"{self.name}.json").write_text(f"{text}\n", encoding="utf-8")
 
     def seconds(self, work: Callable[[], Any], repeats: int = REPEATS) -> float:
         """Median seconds of some work after a first time, by events of the device."""
@@ -75,10 +77,10 @@ class Run:
         return 0.0 if self.on_cpu else round(self.torch.cuda.max_memory_allocated() / 2**30, 3)
 
 
-def content(figures: dict[str, Any]) -> dict[str, Any]:
+def content(figures: dict[str, Any], name: str) -> dict[str, Any]:
     """Results in the form of `bench.record`, of which the host of a card needs nothing."""
     return {
-        "name": "gpu",
+        "name": name,
         "compared": "objectfolder.batch on a device against single queries on the CPU beside it; throughput",
         "figures": {name: part for name, part in figures.items() if name != "versions"},
         "settings": {"objects": ["mug", "bell"], "image_px": [160, 120], "view_px": 128, "repeats": REPEATS},
@@ -501,6 +503,7 @@ SINGLE_QUERIES = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; by default all")
+    parser.add_argument("--name", default="gpu", help="of the file of results")
     parser.add_argument("--cpu", action="store_true", help="run all lines on a CPU")
     parser.add_argument("--compile", action="store_true", help="compile single queries, and nothing else")
     asked = parser.parse_args()
@@ -508,7 +511,7 @@ def main() -> None:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     if asked.compile:
         return compile_for_cpu()
-    run = Run(asked.cpu)
+    run = Run(asked.cpu, asked.name)
     chosen = [name for name in PARTS if name in (asked.parts or PARTS)]
     # Beside the kernels for the device, which this process compiles meanwhile.
     compiling = subprocess.Popen([sys.executable, "-m", "bench.gpu", "--compile"])

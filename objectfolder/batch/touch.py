@@ -152,7 +152,7 @@ class TouchBatch:
         force_n: object = None,
         contact: str | None = None,
         cell_m: float = Press.cell_m,
-        steps: int = 24,
+        steps: int = 32,
         out: TouchImages | None = None,
     ) -> BatchTouches:
         """Press at points until the gel is indented by a depth, or bears a force.
