@@ -65,7 +65,13 @@ class Shear:
 
 
 def unsheared(shape: tuple[int, int]) -> Shear:
-    """State of a surface (rows, columns) that nothing has touched: where a press with friction begins."""
+    """State of a surface (rows, columns) that nothing has touched: where a press with friction begins.
+
+    Examples
+    --------
+    >>> int(unsheared((2, 3)).sticking.sum())
+    0
+    """
     nothing = np.zeros((2, *shape))
     return Shear(nothing, nothing.copy(), np.zeros(2), np.zeros(shape, dtype=bool), False, 0.0, 0)
 
