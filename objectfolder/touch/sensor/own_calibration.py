@@ -95,12 +95,13 @@ def calibrate(
     Examples
     --------
     >>> import numpy as np
+    >>> from objectfolder.errors import InputError
     >>> from objectfolder.touch import calibrate, read_sensor
     >>> sensor = read_sensor("digit").at_resolution(64, 48)
     >>> grey = np.full((64, 48, 3), 90, np.uint8)
     >>> try:
     ...     calibrate(grey[None], grey, sensor, ball_m=0.00235)
-    ... except ValueError as error:
+    ... except InputError as error:
     ...     print(error)
     photographs: 0 of 1 photographs show a contact circle. At least 3 are needed.
     """
