@@ -34,7 +34,9 @@ def rows_and_columns_of_different_size() -> tuple[np.ndarray, float]:
 
 def test_bytes_are_near_the_entropy_and_below_those_of_one_model_for_all() -> None:
     values, entropy = rows_and_columns_of_different_size()
-    packed = len(pack_matrix(values))
+    stream = pack_matrix(values)
+    np.testing.assert_array_equal(unpack_matrix(stream, values.shape), values)
+    packed = len(stream)
     assert entropy < packed < 1.06 * entropy
     assert packed < 0.9 * len(pack_integers(zigzag(values)))
 

@@ -12,6 +12,7 @@ from objectfolder.audio.synthesis.struck_body import RMS
 from objectfolder.fidelity.sound import (
     DURATION_S,
     SAMPLE_RATE_HZ,
+    measure_sound,
     stored_strike,
     strike_arrays,
     strike_differences_db,
@@ -74,3 +75,9 @@ def test_points_that_do_not_move_are_stored_as_silent(small_file: Path, modes: P
     assert np.isposinf(stored["strike_difference_db"]).all(), "the file sounds"
     assert not stored["strike_steps"][0].any()
     assert not stored_strike(stored, 0, 0).any()
+
+
+def test_a_mode_has_lost_60_db_after_its_t60(small_file: Path, modes: Product) -> None:
+    table = measure_sound(objectfolder.load(small_file), modes)["modes_table"]
+    amplitudes = [np.exp(-row["damping_per_s"] * row["t60_s"]) for row in table]
+    np.testing.assert_allclose(20 * np.log10(amplitudes), -60)

@@ -48,6 +48,12 @@ def test_both_engines_see_the_same_first_face_and_the_same_shadows() -> None:
     assert (numpy_tree.occluded(origins, targets) == embree.occluded(origins, targets)).mean() > 0.999
 
 
+@pytest.mark.parametrize("faces", [np.zeros((0, 3), int), [[0, 1, 3]], [[0, 1, -1]]])
+def test_faces_without_their_vertices_are_no_surface(faces: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="faces that refer to its vertices"):
+        Surface(np.eye(3), faces)
+
+
 def test_tree_finds_what_brute_force_finds() -> None:
     random = np.random.default_rng(3)
     triangles = random.normal(size=(37, 1, 3)) + 0.3 * random.normal(size=(37, 3, 3))
