@@ -129,7 +129,7 @@ def _struck_things(folder: Path) -> list[Row]:
                 quantity=f"decay of {sum(map(len, ratios.values()))} modes, factor",
                 figures=figures,
                 repeatability="",
-                fitted=f"`Support.lying`, to {', '.join(fitted)}" if fitted else "",
+                fitted="; ".join(fitted),
                 held_out=", ".join(table for table in tables if table not in FITTED)
                 or "none of these tables",
                 source=TDW,
