@@ -125,6 +125,7 @@ def fidelity(
             "solver_geometry_error_cents": 3.0 if audible else None,
             "count_certificate": {},
             "held_out_points": 64,
+            "damping": {"law": "loss_factor", "loss_factor": 0.002, "loss_exponent": 0.0},
             "modes_table": [
                 {"frequency_hz": f, "damping_per_s": c, "t60_s": 3 * math.log(10) / c}
                 for f, c in partials * 4

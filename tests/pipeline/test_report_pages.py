@@ -275,6 +275,7 @@ def test_damaged_truth_leaves_the_page_with_what_there_is(tmp_path: Path) -> Non
     assert len(rows) == 28
     assert {row[5] for row in rows} == {"3.000"}, "errors of modes need the Object File alone"
     assert {row[7] for row in rows} == {"\N{EN DASH}"}, "the solver's own error is the modes' product's"
+    assert "Damped by the loss factor of the material." in page.text
 
 
 def whole(path: Path, **arrays: np.ndarray) -> None:
