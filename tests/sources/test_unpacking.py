@@ -199,11 +199,14 @@ def test_a_member_too_many_is_refused_soon(tmp_path, kind, monkeypatch):
     for limit in (500, 5_000):
         monkeypatch.setattr(unpacking, "LIMIT_FILES", limit)
         many = MAKERS[kind]([(f"d{number % 50}/{number}", b"x") for number in range(limit + 1)])
-        folder = tmp_path / str(limit)
-        folder.mkdir()
-        begin = time.process_time()
-        assert f"more than {limit} members" in refused(folder, many)
-        seconds.append(time.process_time() - begin)
+        times = []
+        for attempt in range(3):  # of which others beside it disturb some
+            folder = tmp_path / f"{limit}_{attempt}"
+            folder.mkdir()
+            begin = time.process_time()
+            assert f"more than {limit} members" in refused(folder, many)
+            times.append(time.process_time() - begin)
+        seconds.append(min(times))
     assert seconds[1] < 25 * seconds[0]  # measured: 8 to 12
 
 
