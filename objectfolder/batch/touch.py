@@ -217,6 +217,7 @@ class TouchBatch:
             self._check(images, count)
             layer = self._layers(cell_m)
             answers = self._press_elastic(layer, which, poses, blocked, most, force, steps, images)
+            self._cast_shadows(images)
             penetration, bears, residual = (answer.to(torch.float64) for answer in answers)
             moved = penetration if force is not None else depths
             poses[:, :3, 3] += moved[:, None] * poses[:, :3, 0]
@@ -270,13 +271,17 @@ class TouchBatch:
             (count, pixels), starts, windows, reach, planes, maps, *self._view, images.rgb, images.depth_m,
             images.mask,
         )  # fmt: skip
-        if self._shadows is not None:
-            # Lines through a lamp are followed one pixel after the other: by the host.
-            pictures, depths = images.rgb.cpu().numpy(), images.depth_m.cpu().numpy()
-            for picture, depth in zip(pictures, depths, strict=True):
-                self._shadows.cast(picture, depth)
-            images.rgb.copy_(torch.from_numpy(pictures))
+        self._cast_shadows(images)
         return images
+
+    def _cast_shadows(self, images: TouchImages) -> None:
+        """Darken what the indented gel hides: on the host, which follows a line one pixel after the other."""
+        if self._shadows is None:
+            return
+        pictures, depths = images.rgb.cpu().numpy(), images.depth_m.cpu().numpy()
+        for picture, depth in zip(pictures, depths, strict=True):
+            self._shadows.cast(picture, depth)
+        images.rgb.copy_(torch.from_numpy(pictures))
 
     def _check(self, images: TouchImages, count: int) -> None:
         if images.mask.shape != (count, self.sensor.image_height, self.sensor.image_width):
