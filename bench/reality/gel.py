@@ -33,8 +33,8 @@ def force_rows(measured: Path) -> list[Row]:
     depth_mm, newtons = np.array(rows).T
     point = np.tile([[0.0, 0.0, BALL_RADIUS_M]], (len(rows), 1))
     ball = icosphere(6, BALL_RADIUS_M)
-    asked = Press(depth_m=depth_mm * 1e-3, contact="elastic", samples=1)
-    touches = press(Surface(ball.vertices, ball.faces), read_sensor("gelsight-mini"), point, asked)
+    request = Press(depth_m=depth_mm * 1e-3, contact="elastic", samples=1)
+    touches = press(Surface(ball.vertices, ball.faces), read_sensor("gelsight-mini"), point, request)
     error = 100 * (touches.force_n / newtons - 1)
     fitted = np.isin(depth_mm, FITTED_MM)
     row = Row(
@@ -81,13 +81,13 @@ def marker_rows(measured: Path) -> list[Row]:
             break
     slipping = solve_shear(contact, gel, 0.0, (0.0, 0.0))
     nearer = contact.displacement_m[48, 48:]
-    seen = x[48:] * nearer / (sensor.gel_apex_m[0] - nearer)
+    perspective = x[48:] * nearer / (sensor.gel_apex_m[0] - nearer)
     figures = {}
     for name, low, high in (("inside", 0.2, 1.7), ("at the rim", 1.7, 2.3), ("outside", 2.3, 5.0)):
         ring = (distance > low) & (distance < high)
         figures[f"{name}, measured"] = 1e3 * float(outward[ring].mean())
         for friction, shear in (("no friction", slipping), ("friction 1", state)):
-            along = np.interp(distance[ring] * 1e-3, x[48:], shear.displacement_m[1, 48, 48:] + seen)
+            along = np.interp(distance[ring] * 1e-3, x[48:], shear.displacement_m[1, 48, 48:] + perspective)
             figures[f"{name}, {friction}"] = 1e6 * float(along.mean())
     row = Row(
         sense="touch",

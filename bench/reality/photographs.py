@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from trimesh.creation import icosphere
 
 from bench.reality.row import Row
 from bench.record import cpu_seconds
@@ -32,15 +33,15 @@ def digit_rows(folder: Path) -> list[Row]:
     start = cpu_seconds()
     sensor = read_sensor("digit").at_resolution(320, 240)
     pictures, untouched = _photographs(folder)
-    found = calibrate(pictures, untouched, sensor, BALL_M)
+    calibration = calibrate(pictures, untouched, sensor, BALL_M)
     calibration_s = cpu_seconds() - start
-    rows = [_calibrated("DIGIT of FOTS", found, calibration_s)]
+    rows = [_calibrated("DIGIT of FOTS", calibration, calibration_s)]
     start = cpu_seconds()
     for name, fitted in (("digit", f"lights and shadows, {SECOND}"), ("digit-tacto", "")):
         score = np.array(
             [
-                _best_touch(read_sensor(name).at_resolution(320, 240), pictures[index], found, circle)
-                for index, circle in enumerate(found.prints)
+                _best_touch(read_sensor(name).at_resolution(320, 240), pictures[index], calibration, circle)
+                for index, circle in enumerate(calibration.prints)
                 if index % 2 and isinstance(circle, Print)
             ]
         )
@@ -53,7 +54,7 @@ def digit_rows(folder: Path) -> list[Row]:
         rows.append(
             Row(
                 "touch", "DIGIT of FOTS", f"window of 140 pixels, preset `{name}`, no table, PSNR in dB",
-                {name: float(value) for name, value in figures.items()}, _repeatability(found), fitted,
+                {name: float(value) for name, value in figures.items()}, _repeatability(calibration), fitted,
                 f"{SECOND}; where the touch lies is found in each", SOURCE, cpu_seconds() - start,
             )
         )  # fmt: skip
@@ -65,11 +66,16 @@ def gelsight_rows(folder: Path) -> list[Row]:
     base = at_magnification(read_sensor("gelsight").at_resolution(320, 240), GELSIGHT_PIXELS_A_METRE)
     pictures, untouched = _photographs(folder)
     rows = []
-    for some, fewer in ((pictures, ""), (pictures[::2], ", fitted to a quarter")):
+    for chosen, fewer in ((pictures, ""), (pictures[::2], ", fitted to a quarter")):
         start = cpu_seconds()
-        found = calibrate(some, untouched, base, BALL_M)
-        rows.append(_calibrated(f"GelSight of FOTS{fewer}", found, cpu_seconds() - start))
+        calibration = calibrate(chosen, untouched, base, BALL_M)
+        rows.append(_calibrated(f"GelSight of FOTS{fewer}", calibration, cpu_seconds() - start))
     return rows
+
+
+def _ball() -> Surface:
+    ball = icosphere(6, BALL_M)
+    return Surface(ball.vertices, ball.faces)
 
 
 def _photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -78,32 +84,32 @@ def _photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(read[:-1]), read[-1]
 
 
-def _repeatability(found: OwnCalibration) -> str:
-    values = found.repeatability
+def _repeatability(calibration: OwnCalibration) -> str:
+    values = calibration.repeatability
     return f"{values.min():.1f} to {values.max():.1f} dB" if len(values) else ""
 
 
-def _calibrated(thing: str, found: OwnCalibration, cpu_s: float) -> Row:
+def _calibrated(thing: str, calibration: OwnCalibration, cpu_s: float) -> Row:
     figures = {
-        "mean": found.held_out.mean(),
-        "worst": found.held_out.min(),
-        "mean patch": found.mean_patch.mean(),
-        "no touch": found.nothing.mean(),
+        "mean": calibration.held_out.mean(),
+        "worst": calibration.held_out.min(),
+        "mean patch": calibration.mean_patch.mean(),
+        "no touch": calibration.nothing.mean(),
     }
-    used = sum(isinstance(circle, Print) for circle in found.prints)
-    fitted = f"a table, {used - len(found.held_out)} photographs"
+    used = sum(isinstance(circle, Print) for circle in calibration.prints)
+    fitted = f"a table, {used - len(calibration.held_out)} photographs"
     return Row(
         "touch", thing, "contact circle, calibrated by `objectfolder calibrate`, PSNR in dB",
-        {name: float(value) for name, value in figures.items()}, _repeatability(found), fitted,
+        {name: float(value) for name, value in figures.items()}, _repeatability(calibration), fitted,
         f"{SECOND}; its circle is found in it", SOURCE, cpu_s,
     )  # fmt: skip
 
 
 def _best_touch(
-    sensor: Sensor, photo: np.ndarray, found: OwnCalibration, circle: Print
+    sensor: Sensor, photo: np.ndarray, calibration: OwnCalibration, circle: Print
 ) -> tuple[float, float, float]:
     """PSNR and correlation of the change of the best touch in the window, and PSNR of no touch."""
-    ball, untouched, empty = Surface(*_sphere()), found.untouched, no_contact_image(sensor)
+    ball, untouched, empty = _ball(), calibration.untouched, no_contact_image(sensor)
     row, column = round(circle.row), round(circle.column)
     window = (
         slice(max(row - WINDOW, 0), row + WINDOW),
@@ -137,18 +143,3 @@ def _best_touch(
                     best, least = moved, value
     correlation = np.corrcoef(change(best).ravel(), true.ravel())[0, 1]
     return 10 * np.log10(255**2 / least), float(correlation), 10 * np.log10(255**2 / np.mean(true**2))
-
-
-def _sphere(subdivisions: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of the ball, from an octahedron."""
-    vertices = np.concatenate([np.eye(3), -np.eye(3)])
-    faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
-    for _ in range(subdivisions):
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
-        ab, bc, ca = (len(vertices) + inverse.ravel()).reshape(3, -1)
-        vertices = np.concatenate([vertices, vertices[unique].mean(axis=1)])
-        a, b, c = faces.T
-        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        faces = np.concatenate([np.stack(part, axis=1) for part in parts])
-    return BALL_M * vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces

@@ -55,13 +55,13 @@ def _block(folder: Path) -> list[Row]:
     usable = np.array([row["usable"] == "yes" for row in resonances])
     modes = _modes(folder / "block.obj", block, 1.02 * measured_hz.max(), BLOCK_LENGTH_M)
     # Two of its resonances are misread; the order of the others shows which modes they are.
-    found_hz = modes["frequencies_hz"][: len(measured_hz)]
+    modes_hz = modes["frequencies_hz"][: len(measured_hz)]
     return [
         Row(
             sense="sound",
             thing="aluminium block, resonant ultrasound",
             quantity=f"{usable.sum()} resonances, cents",
-            figures=_cents(found_hz[usable], measured_hz[usable]),
+            figures=_cents(modes_hz[usable], measured_hz[usable]),
             repeatability="",
             fitted="nothing: sides, density and elastic constants are the publication's",
             held_out="all but two that it reads otherwise than it computes them",
@@ -81,28 +81,28 @@ def _bowl(folder: Path) -> list[Row]:
     modes = _modes(folder / "bowl.obj", ceramic, 1.02 * hand_hz.max(), None)
     # Which mode is which partial was said by hand, by the mode's frequency.
     which = np.abs(np.subtract.outer(hand_hz, modes["frequencies_hz"])).argmin(axis=1)
-    found_hz, found_per_s = modes["frequencies_hz"][which], modes["dampings_per_s"][which]
+    modes_hz, decays_per_s = modes["frequencies_hz"][which], modes["dampings_per_s"][which]
     decays = [(row["decay_per_s_low"], row["decay_per_s_high"]) for row in rows]
-    known = np.array([bool(low and high) for low, high in decays])
+    measured = np.array([bool(low and high) for low, high in decays])
     low, high = np.array([tuple(map(float, pair)) for pair in decays if all(pair)]).T
     # At the recorded frequency: a mode that is too low would decay too slowly for that alone.
-    found_per_s = found_per_s * recorded_hz / found_hz
+    decays_per_s = decays_per_s * recorded_hz / modes_hz
     cpu_s = cpu_seconds() - start
     row = Row(
         sense="sound",
         thing="ceramic bowl, struck",
         quantity=f"{len(rows)} partials, cents",
-        figures=_cents(found_hz, recorded_hz),
+        figures=_cents(modes_hz, recorded_hz),
         repeatability="",
         fitted="nothing: the default ceramic",
         held_out="all",
         source=DIFFSOUND,
         cpu_s=cpu_s,
     )
-    ratio = found_per_s[known] / np.sqrt(low * high)
+    ratio = decays_per_s[measured] / np.sqrt(low * high)
     decay = replace(
         row,
-        quantity=f"decay of {known.sum()} partials, factor",
+        quantity=f"decay of {measured.sum()} partials, factor",
         fitted="nothing; the loss factor, an estimate, was chosen with the bowl in view",
         figures={"median": _median_factor(ratio), "rms": _rms_factor(ratio), "worst": _worst_factor(ratio)},
         repeatability=f"factor {np.median(high / low):.2f}, {np.max(high / low):.2f} at most, over strikes",
@@ -154,8 +154,8 @@ def _modes(mesh: Path, material: Material, limit_hz: float, length_m: float | No
     return simulate_modes(surface, material, max_frequency_hz=limit_hz, training_points=8, held_out_points=8)
 
 
-def _cents(found_hz: Floats, measured_hz: Floats) -> dict[str, float]:
-    cents = 1200 * np.abs(np.log2(found_hz / measured_hz))
+def _cents(modes_hz: Floats, measured_hz: Floats) -> dict[str, float]:
+    cents = 1200 * np.abs(np.log2(modes_hz / measured_hz))
     return {"median": float(np.median(cents)), "rms": _rms(cents), "worst": float(cents.max())}
 
 

@@ -1,6 +1,6 @@
 """Photographs of one's own tactile sensor, from files that may be anything, and what calibration says."""
 
-import json as json_text
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,7 +37,7 @@ class SensorPhotographs:
     faults: list[str]
 
 
-def read_photographs(given: Sequence[Path], untouched: Path | None = None) -> SensorPhotographs:
+def read_photographs(sources: Sequence[Path], untouched: Path | None = None) -> SensorPhotographs:
     """Read photographs from files and folders; those of another size than the untouched one are left out.
 
     Parameters
@@ -51,9 +51,9 @@ def read_photographs(given: Sequence[Path], untouched: Path | None = None) -> Se
         No picture of the untouched sensor, or none that can be used beside it.
     """
     paths: list[Path] = []
-    for path in given:
+    for path in sources:
         inside = (
-            sorted(one for one in path.iterdir() if one.suffix.lower() in SUFFIXES)
+            sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
             if path.is_dir()
             else [path]
         )
@@ -61,13 +61,13 @@ def read_photographs(given: Sequence[Path], untouched: Path | None = None) -> Se
     if untouched is None:
         untouched = next((path for path in paths if path.stem.lower() in UNTOUCHED), None)
     if untouched is None:
-        names = " or ".join(f"{name}.png" for name in UNTOUCHED)
+        called = " or ".join(f"{name}.png" for name in UNTOUCHED)
         raise InputError(
-            "photographs", "none of the untouched sensor", f"Name it {names}, or give --untouched."
+            "photographs", "none of the untouched sensor", f"Name it {called}, or give --untouched."
         )
     empty = _picture(untouched)
     height, width = empty.shape[:2]
-    found: list[str] = []
+    names: list[str] = []
     pictures: list[np.ndarray] = []
     faults: list[str] = []
     for path in paths:
@@ -82,62 +82,62 @@ def read_photographs(given: Sequence[Path], untouched: Path | None = None) -> Se
             size = f"{picture.shape[1]} x {picture.shape[0]}"
             faults.append(f"{path.name}: {size} pixels, the untouched one has {width} x {height}. Left out.")
             continue
-        found.append(path.name)
+        names.append(path.name)
         pictures.append(picture)
     if not pictures:
         raise InputError(
             "photographs", "none that can be used", " ".join(faults) or "Give files or a folder."
         )
-    return SensorPhotographs(found, np.stack(pictures), empty, faults)
+    return SensorPhotographs(names, np.stack(pictures), empty, faults)
 
 
-def calibration_text(found: OwnCalibration, names: Sequence[str]) -> str:
+def calibration_text(calibration: OwnCalibration, names: Sequence[str]) -> str:
     """Return what a calibration found and how far it is from the photographs, a line each."""
     lines = [
         f"{name}: {circle}. Left out."
         if isinstance(circle, str)
         else f"{name}: centre {circle.column:.0f}, {circle.row:.0f}, radius {circle.radius:.0f} pixels"
-        for name, circle in zip(names, found.prints, strict=True)
+        for name, circle in zip(names, calibration.prints, strict=True)
     ]
-    used = sum(isinstance(circle, Print) for circle in found.prints)
+    used = sum(isinstance(circle, Print) for circle in calibration.prints)
     lines.append(
         f"{used} of {len(names)} photographs used; PSNR in the contact circle of every second one, dB:"
     )
     figures = (
-        ("table fitted to the others", found.held_out),
-        ("mean patch of the others", found.mean_patch),
-        ("untouched picture", found.nothing),
-        ("two photographs of one press", found.repeatability),
+        ("table fitted to the others", calibration.held_out),
+        ("mean patch of the others", calibration.mean_patch),
+        ("untouched picture", calibration.nothing),
+        ("two photographs of one press", calibration.repeatability),
     )
     for name, values in figures:
         value = f"{values.mean():5.1f}, worst {values.min():5.1f}" if len(values) else "no two are alike"
         lines.append(f"  {name:<29} {value}")
-    slopes = np.linspace(0, 90, len(found.uncertainty))
-    error = found.uncertainty.mean(axis=1)
+    slopes = np.linspace(0, 90, len(calibration.uncertainty))
+    error = calibration.uncertainty.mean(axis=1)
     steps = ", ".join(f"{slope:.0f}: {value:.0f}" for slope, value in zip(slopes, error, strict=True))
     lines.append(
-        f"Slopes were shown up to {found.shown_deg:.0f} degrees. Expected error by slope, grey levels:"
+        f"Slopes were shown up to {calibration.shown_deg:.0f} degrees. Expected error by slope, grey levels:"
     )
     lines.append(f"  {steps}")
     return "\n".join(lines)
 
 
-def calibration_json(found: OwnCalibration, photographs: SensorPhotographs) -> str:
+def calibration_json(calibration: OwnCalibration, photographs: SensorPhotographs) -> str:
     """Return what `calibration_text` says, and the faults of photographs, as JSON."""
     figures = {
-        name: getattr(found, name).round(2).tolist()
+        name: getattr(calibration, name).round(2).tolist()
         for name in ("held_out", "mean_patch", "nothing", "repeatability")
     }
     circles = {
         name: circle if isinstance(circle, str) else [circle.column, circle.row, circle.radius]
-        for name, circle in zip(photographs.names, found.prints, strict=True)
+        for name, circle in zip(photographs.names, calibration.prints, strict=True)
     }
-    uncertainty = found.uncertainty.mean(axis=1).round(2).tolist()
-    said = {
+    uncertainty = calibration.uncertainty.mean(axis=1).round(2).tolist()
+    content = {
         "photographs": circles, "faults": photographs.faults, "psnr_db": figures,
-        "shown_deg": round(found.shown_deg, 1), "uncertainty_grey_levels": uncertainty,
+        "shown_deg": round(calibration.shown_deg, 1), "uncertainty_grey_levels": uncertainty,
     }  # fmt: skip
-    return json_text.dumps(said, indent=1)
+    return json.dumps(content, indent=1)
 
 
 def _picture(path: Path) -> np.ndarray:

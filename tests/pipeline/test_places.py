@@ -194,7 +194,7 @@ def _pid_after(seconds: float) -> int:
 @pytest.mark.slow
 @pytest.mark.release("pipeline.cluster")
 def test_one_scheduler_serves_64_worker_processes(root):
-    # The start of so many processes would keep the tests beside this one from the processors.
+    # The start of 64 processes would keep the tests beside this one from the processors.
     modest = ProcessPoolExecutor(1, get_context("spawn"), initializer=os.nice, initargs=(10,))
     with modest:
         tasks = Counter(modest.submit(_pids_of_tasks, root, 64, 192).result())

@@ -106,8 +106,8 @@ def body_of_solid(
     space, _ = space_on(solid, HIGHEST_ORDER, length, bend=True)
     limits = Limits.from_now(MEMORY_LIMIT_GB, TIME_LIMIT_S)
     below = (max_frequency_hz / to_hz) ** 2
-    wanted = Wanted(below, accuracy_cents, max_modes, MAX_UNKNOWNS, seed, limits)
-    spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
+    request = Wanted(below, accuracy_cents, max_modes, MAX_UNKNOWNS, seed, limits)
+    spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, request)
     solved = time.process_time()
     faces, _, _ = solid.boundary()
     boundary = Surface(solid.vertices, faces)

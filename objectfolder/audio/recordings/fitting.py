@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.recordings.body import SolvedBody
-from objectfolder.audio.recordings.decay_law import DecayLaw, power_law
+from objectfolder.audio.recordings.decay_law import FittedLoss, power_law
 from objectfolder.audio.recordings.matching import ALONE_CENTS, CENTS, PAIR_CENTS, Matching, match
 from objectfolder.audio.recordings.partials import Partials
 from objectfolder.errors import InputError
@@ -18,15 +18,15 @@ RANGE_CENTS, STEP_CENTS, EXPECTED_CENTS = 600.0, 2.0, 300.0
 POISSON_SPREAD, WALL_SPREAD = 0.03, 0.02
 # Cents that the shape leaves, beside the solver's error and the spread over recordings.
 SHAPE_CENTS = 3.0
-# Visible is what recordings narrow to this part of that spread and move by so many standard deviations.
+# Visible is what recordings narrow to this part of that spread, and move by this many of its deviations.
 VISIBLE, SIGNIFICANT = 0.5, 2.0
 ROUNDS = 20
-# A partial stays alone from so many times the rms of the others on, and not below so many cents.
+# A partial stays alone from this multiple of the rms of the others on, and not below these cents.
 ALONE_RMS, LEAST_ALONE_CENTS = 3.0, 6.0
 FEWEST_PARTIALS, FEWEST_SHARE = 3, 0.5
 # Sets of partials drawn at random, of which none may match as well.
 RANDOM_SETS = 40
-# A partial so many decibels below the strongest weighs nothing, but for the least weight.
+# A partial this far below the strongest weighs nothing, but for the least weight.
 WEIGHT_DB, LEAST_WEIGHT = 60.0, 0.1
 
 
@@ -63,7 +63,7 @@ class SoundFit:
     cents_before: Floats
     modes_hz: Floats
     decays_per_s: Floats
-    decay: DecayLaw | None
+    decay: FittedLoss | None
     chance: float
 
 
@@ -106,12 +106,12 @@ def fit_body(
         solution = _solve(partials, weights, body, start, names)
     matching = solution.matching
     share = float(weights[matching.partials].sum() / weights.sum())
-    found = float(1 - cost / weights.sum())
-    if share < FEWEST_SHARE or found <= chance:
+    agreement = float(1 - cost / weights.sum())
+    if share < FEWEST_SHARE or agreement <= chance:
         raise InputError(
             "recordings",
             f"{len(matching.partials)} of {len(partials)} partials are within {ALONE_CENTS:.0f} cents of a "
-            f"mode, {found:.0%} by weight and nearness, where random partials reach {chance:.0%}",
+            f"mode, {agreement:.0%} by weight and nearness, where random partials reach {chance:.0%}",
             "Is it the object of the mesh, at its true size?",
         )
     before = CENTS * np.log(partials.frequencies_hz[matching.partials] / body.frequencies_hz[matching.modes])
@@ -150,11 +150,11 @@ def fitted_material(
         Measured: gives the density. The table's density stays without it, and E with it: a recording knows
         their ratio alone.
     """
-    known = body.material
-    density = known.density_kg_m3
+    material = body.material
+    density = material.density_kg_m3
     if mass_kg is not None:
         density = mass_kg / (body.volume_m3 * fit.wall.value)
-    modulus = known.youngs_modulus_pa / known.density_kg_m3 * fit.stiffness.value * density
+    modulus = material.youngs_modulus_pa / material.density_kg_m3 * fit.stiffness.value * density
     row = {
         "name": name,
         "density_kg_m3": f"{density:.6g}",
@@ -165,10 +165,12 @@ def fitted_material(
     if fit.decay is not None:
         row |= {
             "loss_factor": f"{fit.decay.loss_factor:.4g}",
-            "loss_exponent": f"{fit.decay.exponent:.3g}",
+            "loss_exponent": f"{fit.decay.loss_exponent:.3g}",
             "loss_citation": citation,
         }
-    return {field.name: row.get(field.name, _text(getattr(known, field.name))) for field in fields(known)}
+    return {
+        field.name: row.get(field.name, _text(getattr(material, field.name))) for field in fields(material)
+    }
 
 
 def _text(value: float | str | None) -> str:
@@ -275,8 +277,8 @@ def _search(partials_hz: Floats, weights: Floats, body: SolvedBody) -> tuple[flo
     ratios = CENTS * np.log(partials_hz[:, None] / body.frequencies_hz[None, :])
     apart = np.abs(ratios[None] - shifts[:, None, None]).min(axis=2)
     # Above the last mode solved nothing is known: such a partial counts as half matched.
-    known = partials_hz[None] < body.limit_hz * np.exp(shifts[:, None] / CENTS)
-    near = np.where(known, np.minimum((apart / ALONE_CENTS) ** 2, 1.0), 0.5)
+    covered = partials_hz[None] < body.limit_hz * np.exp(shifts[:, None] / CENTS)
+    near = np.where(covered, np.minimum((apart / ALONE_CENTS) ** 2, 1.0), 0.5)
     total = near @ weights
     best = int((total + (shifts / EXPECTED_CENTS) ** 2 / 2).argmin())
     return float(shifts[best]), float(total[best])

@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 CENTS = 1200 / np.log(2)
-# What it costs to leave a partial alone: that of a mode so many cents off, before anything is fitted.
+# What it costs to leave a partial alone: that of a mode off by these cents, before anything is fitted.
 ALONE_CENTS = 25.0
 # Modes so near one another are a pair, such as a round body has: a partial that is not split stands for both.
 PAIR_CENTS = 6.0

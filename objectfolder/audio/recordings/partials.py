@@ -1,4 +1,4 @@
-"""Partials of recordings: exponentials that the decay shows again from whatever moment it is read.
+"""Partials of recordings: exponentials that the decay shows from every moment at which it is read.
 
 An exponential that fits noise, a beginning that is not free yet, or a decay that is not quite exponential,
 changes with the moment from which the decay is read. A partial does not: this is the stabilisation diagram of
@@ -29,7 +29,7 @@ SAME_CENTS, SAME_WIDTH, SAME_DECAY = 1.0, 0.2, 1.5
 SAME_DECAY_BETWEEN_RECORDINGS = 2.0
 # A partial so much weaker than one so near is what the latter's decay lacks to be exponential.
 SHADOW_DB, SHADOW_CENTS = 25.0, 20.0
-# Of two so near, of which one dies so many times as fast, that one is what the striker or a hand still takes.
+# Of two so near, the one that dies this factor faster is what the striker or a hand still takes.
 CONTACT_DECAY = 1.8
 # A body's decays follow a power of frequency within such a factor, where it has enough of them to tell.
 TREND_FACTOR, FEWEST_FOR_TREND = 2.5, 6
@@ -79,21 +79,20 @@ def partials_of(recording: Recording, max_frequency_hz: float = MAX_FREQUENCY_HZ
         for band in bands(recording.decay, recording.silence, recording.sample_rate_hz, max_frequency_hz):
             last = heard_samples(band)
             for number, seconds in enumerate(STARTS_S):
-                exponentials = poles(band, round(seconds * band.rate_hz), last)
-                rows += [(*pole, number) for pole in exponentials]
-    found = np.array(rows).reshape(-1, 4)
-    free, chosen = np.ones(len(found), dtype=bool), []
-    for index in np.argsort(-found[:, 2]):
+                rows += [(*pole, number) for pole in poles(band, round(seconds * band.rate_hz), last)]
+    exponentials = np.array(rows).reshape(-1, 4)
+    free, chosen = np.ones(len(exponentials), dtype=bool), []
+    for index in np.argsort(-exponentials[:, 2]):
         if not free[index]:
             continue
-        alike = free & _alike(found, found[index], SAME_DECAY)
+        alike = free & _alike(exponentials, exponentials[index], SAME_DECAY)
         free &= ~alike
-        if len(np.unique(found[alike, 3])) >= LEAST_STARTS:
-            own = found[alike]
+        if len(np.unique(exponentials[alike, 3])) >= LEAST_STARTS:
+            own = exponentials[alike]
             frequency = np.median(own[:, 0])
             late = own[own[:, 3] >= FREE_START]
             decay = np.median(late[:, 1] if len(late) > 1 else own[:, 1])
-            chosen.append((frequency, decay, 10 * np.log10(found[index, 2])))
+            chosen.append((frequency, decay, 10 * np.log10(exponentials[index, 2])))
     partials = np.array(sorted(chosen)).reshape(-1, 3)
     partials = partials[partials[:, 0] <= max_frequency_hz]
     partials = partials[~_shadows(partials)]
@@ -105,7 +104,7 @@ def partials_of(recording: Recording, max_frequency_hz: float = MAX_FREQUENCY_HZ
     return Partials(frequencies, decays, level, fall, np.ones(len(partials), dtype=np.int64), zeros, zeros)
 
 
-def partials_over(found: Sequence[Partials]) -> Partials:
+def partials_over(recordings: Sequence[Partials]) -> Partials:
     """Join the partials of several recordings of one object.
 
     The strongest of all is joined with the nearest like it of each other recording, then the next. Means are
@@ -116,7 +115,7 @@ def partials_over(found: Sequence[Partials]) -> Partials:
             np.column_stack(
                 [each.frequencies_hz, each.decays_per_s, each.level_db, each.fall_db, np.full(len(each), i)]
             )
-            for i, each in enumerate(found)
+            for i, each in enumerate(recordings)
         ]
     )
     free, joined = np.ones(len(every), dtype=bool), []
@@ -135,10 +134,15 @@ def partials_over(found: Sequence[Partials]) -> Partials:
         joined.append((frequency, decay, group[:, 2].max(), group[:, 3].max(), len(own), *spread))
     table = np.array(sorted(joined)).reshape(-1, 7)
     if len(table) >= FEWEST_FOR_TREND:
-        off = np.log(table[:, 1]) - np.log(power_law(table[:, 0], table[:, 1])(table[:, 0]))
+        off = np.log(table[:, 1]) - np.log(_by_trend(table[:, 0], table[:, 1]))
         table = table[np.abs(off) < np.log(TREND_FACTOR)]
     frequencies, decays, level, fall, count, apart, spread_of_decay = table.T
     return Partials(frequencies, decays, level, fall, count.astype(np.int64), apart, spread_of_decay)
+
+
+def _by_trend(frequencies_hz: Floats, decays_per_s: Floats) -> Floats:
+    """Decay rates (p,) of the power of frequency that is nearest to decay rates (p,)."""
+    return power_law(frequencies_hz, decays_per_s).decay_rates((2 * np.pi * frequencies_hz) ** 2)
 
 
 def _alike(rows: Floats, row: Floats, same_decay: float) -> NDArray[np.bool_]:

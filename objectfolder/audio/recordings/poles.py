@@ -51,13 +51,13 @@ def poles(band: Band, first: int, last: int) -> Floats:
         return np.zeros((0, 3))
     space = vectors[:, -order:]
     turned, *_ = linalg.lstsq(space[:-1], space[1:])
-    found: Complexes = np.asarray(linalg.eigvals(turned), dtype=np.complex128)
-    found = found[(np.abs(found) < 1) & (np.abs(found) > 0)]
-    offset_hz = np.angle(found) * band.rate_hz / (2 * np.pi)
-    powers = np.exp(np.outer(np.arange(len(samples)), np.log(found)))
+    roots: Complexes = np.asarray(linalg.eigvals(turned), dtype=np.complex128)
+    roots = roots[(np.abs(roots) < 1) & (np.abs(roots) > 0)]
+    offset_hz = np.angle(roots) * band.rate_hz / (2 * np.pi)
+    powers = np.exp(np.outer(np.arange(len(samples)), np.log(roots)))
     amplitudes, *_ = linalg.lstsq(powers, samples)
     energy = np.abs(amplitudes) ** 2 * (np.abs(powers) ** 2).sum(axis=0)
-    decays = -np.log(np.abs(found)) * band.rate_hz
+    decays = -np.log(np.abs(roots)) * band.rate_hz
     inside = np.abs(offset_hz) <= band.width_hz / 2
     unit = band.noise or 1.0
     return np.column_stack([band.centre_hz + offset_hz, decays, energy / unit])[inside]

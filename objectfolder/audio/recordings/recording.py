@@ -1,4 +1,4 @@
-"""Recordings of a strike: read from WAV files, with the free decay found and their faults named."""
+"""Recordings of a strike: read from WAV files, with the free decay and the faults of each."""
 
 import warnings
 from dataclasses import dataclass
@@ -75,24 +75,24 @@ def read_recording(path: Path | str) -> Recording:
             rate, stored = wavfile.read(path)
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"cannot be read ({error})", "Give a WAV file.") from error
-    found = []
+    faults = []
     if stored.ndim == 2 and stored.shape[1] > 1:
         loudness = stored.astype(np.float64).std(axis=0)
         loudest = int(loudness.argmax())
         other = int(np.delete(np.arange(len(loudness)), loudest)[0])
         alike = np.corrcoef(stored[:, loudest].astype(np.float64), stored[:, other].astype(np.float64))[0, 1]
-        found.append(
+        faults.append(
             f"{stored.shape[1]} channels, {loudest + 1} and {other + 1} correlate by {alike:.2f}: "
             f"channel {loudest + 1}, the loudest, is taken alone"
         )
         stored = stored[:, loudest]
     stored = stored.reshape(len(stored))
-    found += _coarse_steps(stored)
-    return recording_of(_full_scale(stored), float(rate), name=path.name, found=tuple(found))
+    faults += _coarse_steps(stored)
+    return recording_of(_full_scale(stored), float(rate), name=path.name, faults=tuple(faults))
 
 
 def recording_of(
-    samples: Floats, sample_rate_hz: float, *, name: str = "recording", found: tuple[str, ...] = ()
+    samples: Floats, sample_rate_hz: float, *, name: str = "recording", faults: tuple[str, ...] = ()
 ) -> Recording:
     """Find the strike and the free decay in samples.
 
@@ -100,7 +100,7 @@ def recording_of(
     ----------
     samples
         (n,), full scale 1.
-    found
+    faults
         Faults known before.
 
     Raises
@@ -117,16 +117,16 @@ def recording_of(
     block = round(BLOCK_S * sample_rate_hz)
     later = strikes[strikes > loudest + BOUNCE_BLOCKS]
     start, end = loudest * block, int(later[0]) * block if len(later) else len(samples)
-    said = list(found)
+    messages = list(faults)
     if len(later):
-        said.append(
+        messages.append(
             f"struck again {(end - start) / sample_rate_hz:.2f} s after the loudest strike: read until there"
         )
     clipped = _clipped(samples)
     inside = clipped[(clipped >= start - BOUNCE_BLOCKS * block) & (clipped < end)]
     if len(inside):
         last = int(inside[-1]) + 1
-        said.append(
+        messages.append(
             f"{len(inside)} samples clip at {np.abs(samples).max():.2f} of full scale, the last "
             f"{max(last - start, 0) / sample_rate_hz * 1e3:.1f} ms after the strike: read from there on"
         )
@@ -134,7 +134,7 @@ def recording_of(
     left_s = (end - start) / sample_rate_hz
     if left_s < LEAST_S:
         why = "; ".join(
-            [f"{left_s * 1e3:.0f} ms of free decay are left, {LEAST_S * 1e3:.0f} are needed", *said]
+            [f"{left_s * 1e3:.0f} ms of free decay are left, {LEAST_S * 1e3:.0f} are needed", *messages]
         )
         raise InputError(name, why, "Record a whole decay, at a lower level.")
     powers = [float((part**2).mean()) for part in np.array_split(samples[start:end], 5)]
@@ -147,7 +147,7 @@ def recording_of(
         )
     first = max(int(strikes[0]) - JUST_BEFORE_BLOCKS, 0) * block
     silence = samples[:first] if first >= NOISE_S * sample_rate_hz else samples[:0]
-    return Recording(name, samples, sample_rate_hz, start, end, silence, tuple(said))
+    return Recording(name, samples, sample_rate_hz, start, end, silence, tuple(messages))
 
 
 def _strikes(samples: Floats, sample_rate_hz: float, name: str) -> tuple[NDArray[np.int64], int]:
@@ -190,8 +190,8 @@ def _clipped(samples: Floats) -> NDArray[np.int64]:
         inside = np.convolve(at, np.ones(CLIPPED_RUN), "valid") == CLIPPED_RUN
         for shift in range(CLIPPED_RUN):
             flat[shift : shift + len(inside)] |= inside
-    found = np.nonzero(flat & (np.abs(samples) > 0))[0]
-    return found if len(found) >= CLIPPED_SAMPLES else found[:0]
+    indices = np.nonzero(flat & (np.abs(samples) > 0))[0]
+    return indices if len(indices) >= CLIPPED_SAMPLES else indices[:0]
 
 
 def _coarse_steps(stored: NDArray[np.generic]) -> list[str]:

@@ -151,14 +151,14 @@ def solve_shear(
     part = tangential_compliance(elastomer, limit.shape, contact.pitch_m)
     touching = limit > 0
     load = _Load.on(contact, limit, touching, force, torque_nm)
-    kept = np.zeros((2, len(load.limit)))
+    previous = np.zeros((2, len(load.limit)))
     if before is not None:
-        kept = (before.displacement_m - pressed)[:, rows, columns][:, touching]
+        previous = (before.displacement_m - pressed)[:, rows, columns][:, touching]
     inside = np.zeros((2, *limit.shape))
     direction = load.sliding()
     if direction is not None:
         inside[:, touching] = load.limit * _unit(load.field(direction))
-        moved = part.displacement(inside)[:, touching] - kept
+        moved = part.displacement(inside)[:, touching] - previous
         # What sticks last is what has moved furthest.
         field = load.field(direction)
         further = (np.sum(moved * field, axis=0) / np.maximum(np.sum(field**2, axis=0), 1e-300)).max()
@@ -168,7 +168,7 @@ def solve_shear(
         if before is not None:
             start = before.traction_pa[:, rows, columns][:, touching]
         inside[:, touching], change, residual, spent = _least_energy(
-            part, load, touching, kept, start, tolerance, maximum_iterations
+            part, load, touching, previous, start, tolerance, maximum_iterations
         )
     traction, sticking = np.zeros((2, *contact.mask.shape)), np.zeros_like(contact.mask)
     traction[:, rows, columns] = inside
@@ -266,9 +266,9 @@ class _Load:
             slope = np.array([*pull.sum(axis=1), float(np.sum(pull * self.arm))])
             return float(self.limit @ speed) / scale, aside @ slope / scale
 
-        found = minimize(taken, np.zeros(2), jac=True, method="BFGS", options={"gtol": 1e-9})
-        motion = along + found.x @ aside
-        return np.asarray(motion / np.linalg.norm(motion)) if size >= found.fun * scale else None
+        optimum = minimize(taken, np.zeros(2), jac=True, method="BFGS", options={"gtol": 1e-9})
+        motion = along + optimum.x @ aside
+        return np.asarray(motion / np.linalg.norm(motion)) if size >= optimum.fun * scale else None
 
 
 def _unit(field: np.ndarray) -> np.ndarray:
@@ -279,7 +279,7 @@ def _least_energy(
     compliance: TangentialCompliance,
     load: _Load,
     touching: np.ndarray,
-    kept: np.ndarray,
+    previous: np.ndarray,
     start: np.ndarray,
     tolerance: float,
     most: int,
@@ -293,10 +293,10 @@ def _least_energy(
 
     uniform = load.limit * load.field(load.total) / load.limit.sum()
     traction = uniform if not start.any() else start
-    scale = float(np.abs(displaced(uniform)).max()) + float(np.abs(kept).max())
+    scale = float(np.abs(displaced(uniform)).max()) + float(np.abs(previous).max())
     ahead, momentum, change = traction, 1.0, np.zeros(3)
     for iteration in range(1, most + 1):
-        moved = displaced(ahead) - kept
+        moved = displaced(ahead) - previous
         new, change = _balanced(ahead - stiffness * moved, load, stiffness * change)
         change = change / stiffness
         error_pa = float(np.abs(new - ahead).max())
@@ -312,16 +312,16 @@ def _least_energy(
     raise SimulationError("shear", finding, "Allow more iterations or a larger tolerance.")
 
 
-def _balanced(wanted: np.ndarray, load: _Load, lift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _balanced(aim: np.ndarray, load: _Load, lift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tractions (2, n) within the limit of a load, and of its sum, that are nearest to wanted ones.
 
     They are the wanted ones plus the field of a lift (3,), cut to the limit: Newton's method on the convex
     function of the lift whose slope is what the sum is too much by. Also returns the lift.
     """
-    cut, close = np.empty_like(wanted), 1e-9 * float(load.limit.sum())
+    cut, close = np.empty_like(aim), 1e-9 * float(load.limit.sum())
     free = 3 if load.turns else 2
     slope, curvature = np.empty(3), np.empty((3, 3))
-    at = (wanted, load.limit, load.arm, load.total)
+    at = (aim, load.limit, load.arm, load.total)
     energy = _cut(*at, lift, cut, slope, curvature)
     for _ in range(BALANCE_STEPS):
         if float(np.abs(slope[:free]).max()) <= close:
@@ -339,14 +339,14 @@ def _balanced(wanted: np.ndarray, load: _Load, lift: np.ndarray) -> tuple[np.nda
 
 
 @kernel
-def _cut(wanted, limit, arm, total, lift, cut, slope, curvature):
+def _cut(aim, limit, arm, total, lift, cut, slope, curvature):
     """Fill in the tractions that a lift gives, and slope (3,) and curvature (3, 3) of what it makes least."""
     energy = -total[0] * lift[0] - total[1] * lift[1] - total[2] * lift[2]
     slope[:] = -total
     curvature[:] = 0.0
     for i in range(len(limit)):
         e, f = arm[0, i], arm[1, i]
-        a, b = wanted[0, i] + lift[0] + lift[2] * e, wanted[1, i] + lift[1] + lift[2] * f
+        a, b = aim[0, i] + lift[0] + lift[2] * e, aim[1, i] + lift[1] + lift[2] * f
         most = limit[i]
         length = np.sqrt(a * a + b * b)
         share, c, d = 1.0, 0.0, 0.0

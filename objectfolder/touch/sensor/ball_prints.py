@@ -12,7 +12,7 @@ import numpy as np
 # Pixels of a photograph a pixel of the search, and steps of the search in those.
 REDUCTION = 4
 STEPS = (4, 4, 2, 2, 1, 1, 0.5, 0.5, 0.25)
-# A mark is so many deviations of the camera's noise above nothing.
+# A mark is this many deviations of the camera's noise above nothing.
 LEAST_CONTRAST = 4.0
 # Share of the squared change round a mark that its circle must explain.
 LEAST_EXPLAINED = 0.5

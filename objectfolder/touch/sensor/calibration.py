@@ -80,13 +80,13 @@ def fit_table(
     [0.5, 0.5, 0.5]
     """
     _check(sensor, images, centres_m, depths_m, untouched)
-    seen = [gel_pixels(sensor, untouched)]
+    parts = [gel_pixels(sensor, untouched)]
     for image, centre, depth in zip(images, centres_m, depths_m, strict=True):
-        seen.append(ball_pixels(sensor, image, centre, float(depth), radius_m))
-    if not any(pixels.shape[1] for pixels in seen[1:]):
+        parts.append(ball_pixels(sensor, image, centre, float(depth), radius_m))
+    if not any(part.shape[1] for part in parts[1:]):
         remedy = "Check centres_m, depths_m and radius_m."
         raise InputError("images", "the ball touches the gel in none", remedy)
-    return normal_equations(np.concatenate(seen, axis=1), shape).solve(smoothness)
+    return normal_equations(np.concatenate(parts, axis=1), shape).solve(smoothness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,11 +166,11 @@ def _check(
         raise InputError("centres_m, depths_m", "not one for each image", "Give (n, 2) and (n,).")
 
 
-def normal_equations(seen: np.ndarray, shape: tuple[int, int]) -> NormalEquations:
+def normal_equations(pixels: np.ndarray, shape: tuple[int, int]) -> NormalEquations:
     """Return what pixels (7, n) say of a table: slope, direction, place across and up, and three colours."""
     from scipy.sparse import coo_array
 
-    slope, direction, across, up = seen[:4]
+    slope, direction, across, up = pixels[:4]
     nodes, weights = node_weights(slope, direction, shape)
     unknown = _unknowns(shape)
     column = unknown[nodes][:, :, None] * TERMS + np.arange(TERMS)
@@ -178,7 +178,7 @@ def normal_equations(seen: np.ndarray, shape: tuple[int, int]) -> NormalEquation
     entry = weights[:, :, None] * place_terms(across, up)
     count = int(unknown.max() + 1) * TERMS
     design = coo_array((entry.ravel(), (row.ravel(), column.ravel())), (len(slope), count)).tocsr()
-    return NormalEquations(shape, design.T @ design, design.T @ seen[4:].T, len(slope))
+    return NormalEquations(shape, design.T @ design, design.T @ pixels[4:].T, len(slope))
 
 
 def _ball(

@@ -115,22 +115,22 @@ def calibrate(
     except ValueError as error:
         raise InputError("sensor", str(error), "Give its magnification, or another sensor.") from error
     scale = pixels_per_metre(sensor)
-    shown = _session(photographs, untouched, [])
-    prints = find_prints(photographs - shown, ball_m * scale)
-    shown = _session(photographs, untouched, prints)
-    prints = find_prints(photographs - shown, ball_m * scale)
-    good = [index for index, found in enumerate(prints) if isinstance(found, Print)]
-    if len(good) < LEAST_PRINTS:
-        finding = f"{len(good)} of {len(prints)} photographs show a contact circle"
+    unpressed = _session(photographs, untouched, [])
+    prints = find_prints(photographs - unpressed, ball_m * scale)
+    unpressed = _session(photographs, untouched, prints)
+    prints = find_prints(photographs - unpressed, ball_m * scale)
+    marked = [index for index, mark in enumerate(prints) if isinstance(mark, Print)]
+    if len(marked) < LEAST_PRINTS:
+        finding = f"{len(marked)} of {len(prints)} photographs show a contact circle"
         raise InputError("photographs", finding, f"At least {LEAST_PRINTS} are needed.")
-    unmarked = np.clip(np.rint(shown), 0, 255).astype(np.uint8)
+    unmarked = np.clip(np.rint(unpressed), 0, 255).astype(np.uint8)
     fit = _Fit(photographs, unmarked, sensor, ball_m, prints)
-    held_out, others = good[1::2], good[::2]
+    held_out, others = marked[1::2], marked[::2]
     smoothness = fit.smoothness(others)
     errors = fit.errors(others, held_out, smoothness)
-    whole = fit.equations(good)
+    whole = fit.equations(marked)
     table = whole.solve(smoothness)
-    shown_deg = max(np.degrees(np.arcsin(fit.circle(index).radius / (ball_m * scale))) for index in good)
+    shown_deg = max(np.degrees(np.arcsin(fit.circle(index).radius / (ball_m * scale))) for index in marked)
     spread = whole.spread(smoothness)
     rows = np.linspace(0, 90, SHAPE[0]) <= shown_deg
     level = np.sqrt(np.mean([_square(part) for part in errors]))
@@ -141,9 +141,9 @@ def calibrate(
         spread * level / np.sqrt((spread[rows] ** 2).mean()),
         float(shown_deg),
         _psnr(errors),
-        _psnr([(photographs[index] - shown)[fit.disc(index)] for index in held_out]),
+        _psnr([(photographs[index] - unpressed)[fit.disc(index)] for index in held_out]),
         _psnr(_from_mean_patch(photographs, fit, others, held_out)),
-        _psnr(_between_alike(photographs, fit, good)),
+        _psnr(_between_alike(photographs, fit, marked)),
         smoothness,
     )
 
@@ -192,9 +192,9 @@ class _Fit:
         self._of: dict[int, NormalEquations] = {}
 
     def circle(self, index: int) -> Print:
-        found = self._prints[index]
-        assert isinstance(found, Print)
-        return found
+        circle = self._prints[index]
+        assert isinstance(circle, Print)
+        return circle
 
     def disc(self, index: int) -> np.ndarray:
         return self.circle(index).disc(self._photographs.shape[1:3])
@@ -212,8 +212,8 @@ class _Fit:
         total = self._gel
         for index in chosen:
             if index not in self._of:
-                seen = ball_pixels(self._sensor, self._photographs[index], *self.place(index), self._ball)
-                self._of[index] = normal_equations(seen, SHAPE)
+                pixels = ball_pixels(self._sensor, self._photographs[index], *self.place(index), self._ball)
+                self._of[index] = normal_equations(pixels, SHAPE)
             total = total + self._of[index]
         return total
 
@@ -234,7 +234,7 @@ class _Fit:
             return sum(
                 _square(part)
                 for fold in folds
-                for part in self.errors([one for one in chosen if one not in fold], fold, weight)
+                for part in self.errors([index for index in chosen if index not in fold], fold, weight)
             )
 
         return min(SMOOTHNESS, key=error)
@@ -247,29 +247,29 @@ def _session(photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Pr
     picture and a quadratic polynomial of the place, fitted to what no mark is near.
     """
     shape = photographs.shape[1:3]
-    circles = [found for found in prints if isinstance(found, Print)]
+    circles = [circle for circle in prints if isinstance(circle, Print)]
     clear = [
-        ~found.disc(shape, UNTOUCHED) if isinstance(found, Print) else np.full(shape, not prints)
-        for found in prints or [""] * len(photographs)
+        ~circle.disc(shape, UNTOUCHED) if isinstance(circle, Print) else np.full(shape, not prints)
+        for circle in prints or [""] * len(photographs)
     ]
     if circles and (np.sum(clear, axis=0) >= LEAST_PRINTS).all():
         hidden = np.where(np.array(clear)[..., None], photographs.astype(np.float32), np.nan)
         return np.asarray(np.nanmedian(hidden, axis=0), dtype=np.float64)
     down, across = (2 * part / length - 1 for part, length in zip(np.indices(shape), shape, strict=True))
     terms = np.stack([np.ones(shape), across, down, across**2, across * down, down**2], axis=-1)
-    seen = np.concatenate([terms[some][::13] for some in clear])
+    samples = np.concatenate([terms[unmarked][::13] for unmarked in clear])
     change = np.concatenate(
         [
-            (photo.astype(np.float64) - untouched)[some][::13]
-            for photo, some in zip(photographs, clear, strict=True)
+            (photo.astype(np.float64) - untouched)[unmarked][::13]
+            for photo, unmarked in zip(photographs, clear, strict=True)
         ]
     )
-    weight = np.ones(len(seen))
+    weight = np.ones(len(samples))
     # What a mark changes counts little: least absolute errors, by weights.
     for _ in range(8):
         root = np.sqrt(weight)[:, None]
-        fitted = np.linalg.lstsq(seen * root, change * root, rcond=None)[0]
-        weight = 1 / np.maximum(np.abs(change - seen @ fitted).sum(axis=1), 3.0)
+        fitted = np.linalg.lstsq(samples * root, change * root, rcond=None)[0]
+        weight = 1 / np.maximum(np.abs(change - samples @ fitted).sum(axis=1), 3.0)
     return np.asarray(untouched + terms @ fitted)
 
 
@@ -278,28 +278,30 @@ def _from_mean_patch(
 ) -> list[np.ndarray]:
     """Errors in the circles of others by the mean of the patches of those chosen, centre on centre."""
     return [
-        np.nanmean([_shifted(photographs[one], fit, one, index) for one in chosen], axis=0)
+        np.nanmean([_shifted(photographs[source], fit, source, index) for source in chosen], axis=0)
         - photographs[index][fit.disc(index)]
         for index in others
     ]
 
 
-def _between_alike(photographs: np.ndarray, fit: _Fit, good: Sequence[int]) -> list[np.ndarray]:
+def _between_alike(photographs: np.ndarray, fit: _Fit, marked: Sequence[int]) -> list[np.ndarray]:
     """Differences between photographs whose circles are nearly the same, laid centre on centre."""
     pairs = []
-    for position, one in enumerate(good):
-        for other in good[position + 1 :]:
-            a, b = fit.circle(one), fit.circle(other)
+    for position, first in enumerate(marked):
+        for second in marked[position + 1 :]:
+            a, b = fit.circle(first), fit.circle(second)
             if max(np.hypot(a.column - b.column, a.row - b.row), abs(a.radius - b.radius)) < ALIKE_PIXELS:
-                difference = _shifted(photographs[other], fit, other, one) - photographs[one][fit.disc(one)]
+                difference = (
+                    _shifted(photographs[second], fit, second, first) - photographs[first][fit.disc(first)]
+                )
                 pairs.append(difference[np.isfinite(difference).all(axis=1)])
     return pairs
 
 
-def _shifted(photo: np.ndarray, fit: _Fit, one: int, to: int) -> np.ndarray:
+def _shifted(photo: np.ndarray, fit: _Fit, source: int, target: int) -> np.ndarray:
     """Values (pixels, 3) of a photograph in the circle of another, its own centre on the other's."""
-    a, b = fit.circle(one), fit.circle(to)
-    rows, columns = np.nonzero(fit.disc(to))
+    a, b = fit.circle(source), fit.circle(target)
+    rows, columns = np.nonzero(fit.disc(target))
     rows, columns = rows + round(a.row - b.row), columns + round(a.column - b.column)
     inside = (rows >= 0) & (columns >= 0) & (rows < photo.shape[0]) & (columns < photo.shape[1])
     values = np.full((len(rows), 3), np.nan)

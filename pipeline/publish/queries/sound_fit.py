@@ -19,7 +19,7 @@ BAND = 1.1
 
 
 def fit_sounds(
-    files: Sequence[Path], wanted: FittingOfSound, show: Callable[[str], None] = lambda line: None
+    files: Sequence[Path], request: FittingOfSound, show: Callable[[str], None] = lambda line: None
 ) -> dict[str, Any]:
     """Return what recordings tell of the material of a mesh, as JSON has it.
 
@@ -28,7 +28,7 @@ def fit_sounds(
     files
         Recordings, then the mesh. A recording that cannot be used is named, and the others are used.
     show
-        Is told what is being done.
+        Called with each step, for people.
 
     Raises
     ------
@@ -40,10 +40,10 @@ def fit_sounds(
     if len(files) < 2:
         raise InputError("fit-sound", f"{len(files)} files given", "Give recordings, then the mesh.")
     *paths, mesh = files
-    known = read_materials(wanted.materials)
-    if wanted.material is None:
-        raise InputError("--material", "not given", f"Begin from one of {', '.join(sorted(known))}.")
-    material = find_material(known, wanted.material, str(wanted.materials))
+    materials = read_materials(request.materials)
+    if request.material is None:
+        raise InputError("--material", "not given", f"Begin from one of {', '.join(sorted(materials))}.")
+    material = find_material(materials, request.material, str(request.materials))
     from objectfolder.audio.recordings.body import solve_body
     from objectfolder.audio.recordings.fitting import fit_body, fitted_material
     from objectfolder.audio.recordings.partials import partials_of, partials_over
@@ -52,12 +52,12 @@ def fit_sounds(
     from objectfolder.mesh.mesh import textured_mesh_of
 
     started = time.process_time()
-    found, names, warnings = [], [], []
+    recordings, names, warnings = [], [], []
     for path in paths:
         show(f"finding the partials of {path}")
         try:
             recording = read_recording(path)
-            partials = partials_of(recording, wanted.max_frequency_hz)
+            partials = partials_of(recording, request.max_frequency_hz)
         except InputError as error:
             warnings.append(f"left out: {error}")
             continue
@@ -69,29 +69,31 @@ def fit_sounds(
                 f"{short} of {len(partials)} partials have fallen by less than 10 dB (least: "
                 f"{partials.fall_db.min():.0f}): their decays are not used"
             )
-        found.append(partials)
+        recordings.append(partials)
         names.append(recording.name)
-    if not found:
+    if not recordings:
         raise InputError("recordings", "; ".join(warnings), "Give one that can be used.")
-    partials = partials_over(found)
+    partials = partials_over(recordings)
     seconds = {"recordings": time.process_time() - started}
     if not len(partials):
         raise InputError("recordings", "no partial in them", "Strike harder, or record nearer.")
     show(f"solving the modes of {mesh}")
-    ingested = ingest_object(mesh, length_m=wanted.length_m, object_id=mesh.stem, with_textures=False)
+    ingested = ingest_object(mesh, length_m=request.length_m, object_id=mesh.stem, with_textures=False)
     body = solve_body(
         textured_mesh_of(ingested).surface,
         material,
-        BAND * min(float(partials.frequencies_hz.max()), wanted.max_frequency_hz),
-        wall_m=wanted.wall_m,
-        shell_m=wanted.shell_m,
-        accuracy_cents=wanted.accuracy_cents,
-        max_modes=wanted.max_modes,
-        seed=wanted.seed,
+        BAND * min(float(partials.frequencies_hz.max()), request.max_frequency_hz),
+        wall_m=request.wall_m,
+        shell_m=request.shell_m,
+        accuracy_cents=request.accuracy_cents,
+        max_modes=request.max_modes,
+        seed=request.seed,
         name=mesh.name,
     )
     fitting = time.process_time()
-    fit = fit_body(partials, body, recordings=len(found), fit_wall=not wanted.hold_wall, seed=wanted.seed)
+    fit = fit_body(
+        partials, body, recordings=len(recordings), fit_wall=not request.hold_wall, seed=request.seed
+    )
     seconds |= {
         "solve": body.solve_s,
         "derivatives": body.derivatives_s,
@@ -140,12 +142,12 @@ def fit_sounds(
         "rms_cents": matched.rms_cents,
         "stiffness_over_density": _estimate(fit.stiffness),
         "poisson_ratio": _estimate(fit.poisson_ratio),
-        "wall_over_mesh": _estimate(fit.wall) | {"held": wanted.hold_wall},
+        "wall_over_mesh": _estimate(fit.wall) | {"held": request.hold_wall},
         "wall_m": body.wall_m * fit.wall.value,
         "decay_factor_rms": None if fit.decay is None else fit.decay.factor,
         "chance": fit.chance,
         "from_material": material.name,
-        "material": fitted_material(fit, body, wanted.name or mesh.stem.lower(), citation, wanted.mass_kg),
+        "material": fitted_material(fit, body, request.name or mesh.stem.lower(), citation, request.mass_kg),
         "seconds": seconds,
     }
 
@@ -180,11 +182,13 @@ def fit_lines(result: Mapping[str, Any]) -> str:
     lines.append(f"modes not heard: {_frequencies(unheard)}")
     row = result["material"]
     lines.append(
-        f"E / rho      {_said(result['stiffness_over_density'])} of {result['from_material']}'s"
+        f"E / rho      {_printed(result['stiffness_over_density'])} of {result['from_material']}'s"
         f" (E {float(row['youngs_modulus_pa']):.4g} Pa at {float(row['density_kg_m3']):.4g} kg/m3)"
     )
-    lines.append(f"nu           {_said(result['poisson_ratio'])}")
-    wall = "held" if result["wall_over_mesh"]["held"] else f"{_said(result['wall_over_mesh'])} of the mesh's"
+    lines.append(f"nu           {_printed(result['poisson_ratio'])}")
+    wall = (
+        "held" if result["wall_over_mesh"]["held"] else f"{_printed(result['wall_over_mesh'])} of the mesh's"
+    )
     lines.append(f"walls        {wall}, {result['wall_m'] * 1e3:.2f} mm in the mean")
     if result["decay_factor_rms"] is not None:
         lines.append(
@@ -196,7 +200,7 @@ def fit_lines(result: Mapping[str, Any]) -> str:
     return "\n".join([*lines, f"CPU seconds: {seconds}"])
 
 
-def _said(estimate: Mapping[str, Any]) -> str:
+def _printed(estimate: Mapping[str, Any]) -> str:
     if estimate["visible"]:
         return f"{estimate['value']:.4f} +- {estimate['deviation']:.4f}"
     return f"{estimate['value']:.4g}, as before: not visible in these partials"
