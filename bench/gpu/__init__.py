@@ -1,0 +1,1 @@
+"""Throughput and answers of `objectfolder.batch` on a graphics processor."""

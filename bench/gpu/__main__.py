@@ -1,0 +1,101 @@
+"""Answers and throughput of `objectfolder.batch` on a graphics processor: ``python -m bench.gpu``.
+
+Unattended, within 4 minutes, after nothing but numba-cuda and torch is installed. Each part is written to
+``bench/results/gpu.json`` when it is done; one that fails leaves its error there, and the next begins.
+``--cpu`` runs every line on a CPU, with small batches; names of parts run those alone, into the file that
+``--name`` names.
+"""
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from bench.gpu.elastic import elastic_equality, elastic_speed
+from bench.gpu.run import Run, objects, versions
+from bench.gpu.sight import sight_equality, sight_speed
+from bench.gpu.sound import hundred_modes, sound
+from bench.gpu.stages import sight_stages, touch_stages
+from bench.gpu.touch import touch_equality, touch_speed
+
+
+def hundred_objects(run: Run) -> dict[str, Any]:
+    """Memory of a hundred objects with all senses: the two examples, fifty times."""
+    from objectfolder.batch import Batch
+
+    if not run.on_cpu:
+        run.torch.cuda.empty_cache()
+        run.torch.cuda.reset_peak_memory_stats()
+        before = run.torch.cuda.memory_allocated()
+    batch = Batch(objects() * (2 if run.on_cpu else 50), run.device)
+    made = batch.touch, batch.sound, batch.sight
+    if run.on_cpu:
+        return {"objects": len(batch.files)}
+    gib = (run.torch.cuda.memory_allocated() - before) / 2**30
+    return {"objects": len(batch.files), "resident_gib": round(gib, 3), "senses": len(made)}
+
+
+def compile_for_cpu() -> None:
+    """Fill the cache of compiled kernels that single queries take."""
+    file = objects()[1]
+    points, _ = file.sample_contacts(1, reachable=False)
+    file.press(points)
+    file.press(points, contact="elastic")
+    file.render(*file.sample_views(1), 16)
+    file.strike(points, duration_s=0.1)
+
+
+PARTS: dict[str, Callable[[Run], Any]] = {
+    "touch_speed_single": lambda run: touch_speed(run, "single"),
+    "elastic_speed": elastic_speed,
+    "hundred_modes": hundred_modes,
+    "sight_speed": sight_speed,
+    "touch_equality_single": lambda run: touch_equality(run, "single", 8 if run.on_cpu else 192),
+    "touch_equality_double": lambda run: touch_equality(run, "double", 8 if run.on_cpu else 96),
+    "elastic_equality": elastic_equality,
+    "sound": sound,
+    "sight_equality": sight_equality,
+    "touch_stages": touch_stages,
+    "sight_stages": sight_stages,
+    "hundred_objects": hundred_objects,
+    "touch_speed_double": lambda run: touch_speed(run, "double"),
+}
+
+
+# Parts that compare with single queries, whose kernels are compiled by then.
+SINGLE_QUERIES = {
+    "touch_equality_single",
+    "touch_equality_double",
+    "elastic_equality",
+    "sound",
+    "sight_equality",
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; by default all")
+    parser.add_argument("--name", default="gpu", help="of the file of results")
+    parser.add_argument("--cpu", action="store_true", help="run all lines on a CPU")
+    parser.add_argument("--compile", action="store_true", help="compile single queries, and nothing else")
+    asked = parser.parse_args()
+    if unknown := set(asked.parts) - set(PARTS):
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    if asked.compile:
+        return compile_for_cpu()
+    run = Run(asked.cpu, asked.name)
+    chosen = [name for name in PARTS if name in (asked.parts or PARTS)]
+    # Beside the kernels for the device, which this process compiles meanwhile.
+    compiling = subprocess.Popen([sys.executable, "-m", "bench.gpu", "--compile"])
+    run.part("versions", versions)
+    for name in chosen:
+        if name in SINGLE_QUERIES and "cpu_kernels" not in run.figures:
+            run.part("cpu_kernels", lambda run: {"exit": compiling.wait(timeout=400 if run.on_cpu else 100)})
+        run.part(name, PARTS[name])
+    compiling.wait()
+    return None
+
+
+if __name__ == "__main__":
+    main()

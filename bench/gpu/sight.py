@@ -1,0 +1,54 @@
+"""Views: against single renders, and how many a second."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from bench.gpu.run import Run, objects
+
+
+def sight_equality(run: Run) -> dict[str, Any]:
+    """PSNR against `render`."""
+    from objectfolder.batch import Batch
+
+    files, count = objects(), 2 if run.on_cpu else 8
+    batch = Batch(files, run.device).sight
+    figures: dict[str, Any] = {"views": 2 * count}
+    views = [file.sample_views(count, seed=1, lit=True) for file in files]
+    which = np.repeat([0, 1], count)
+    cameras, lights = (np.concatenate(parts) for parts in zip(*views, strict=True))
+    true = np.concatenate([file.render(*view, 128) for file, view in zip(files, views, strict=True)])
+    for rays in (10, 16):
+        image = batch.render(which, cameras, lights, 128, sub_rays=rays)
+        again = batch.render(which, cameras, lights, 128, sub_rays=rays)
+        error = ((image.cpu().numpy().astype(float) - true) ** 2).mean(axis=(1, 2, 3))
+        psnr = 10 * np.log10(255**2 / error)
+        figures[f"psnr_db_{rays}_rays"] = {"least": float(psnr.min()), "mean": float(psnr.mean())}
+        figures[f"same_bytes_twice_{rays}_rays"] = bool((image == again).all())
+    return figures
+
+
+def sight_speed(run: Run) -> dict[str, Any]:
+    """Views of 128 x 128 pixels a second, one lamp with shadow."""
+    from objectfolder.batch import Batch
+
+    files = objects()
+    figures: dict[str, Any] = {}
+    for label, chosen in (("mug", files[:1]), ("bell", files[1:]), ("both", files)):
+        batch = Batch(chosen, run.device).sight
+        for count in (1, 4) if run.on_cpu else (1, 256, 1024, 4096):
+            random = np.random.default_rng(0)
+            which = np.sort(random.integers(0, len(chosen), count))
+            cameras, lights = np.empty((count, 4, 4)), np.empty((count, 3))
+            for index, file in enumerate(chosen):
+                rows = np.flatnonzero(which == index)
+                if len(rows):
+                    cameras[rows], lights[rows] = file.sample_views(len(rows), seed=2, lit=True)
+            place = run.torch.as_tensor
+            views = [place(part, device=run.device) for part in (which, cameras, lights)]
+            for rays in (10, 16):
+                taken = run.seconds(partial(batch.render, *views, 128, sub_rays=rays), 3)
+                figures[f"{label}_{count}_{rays}_rays_per_s"] = round(count / taken, 1)
+    figures["peak_gib"] = run.peak_gib()
+    return figures
