@@ -128,7 +128,8 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled: Mapping[s
         Lengths in metres, masses in kilograms, inertia about the centre of mass in the object frame.
         ``volume_m3``, ``mass_kg``, ``centre_of_mass_m`` and ``inertia_kg_m2`` are None for a surface that
         bounds no volume; those that begin with ``filled_`` are of the solid that sounds;
-        ``normals_of_source`` is the share of corners with normals of the source.
+        ``normals_of_source`` is the share of corners with normals of the source. ``source_up``, the axis of
+        the file that became z, is there only where that was another.
     """
     solid, topology, walls = measured["solid"], measured["topology"], measured["wall_thickness"]
     closed = bool(solid["meaningful"])
@@ -148,6 +149,7 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled: Mapping[s
         "wall_thin_m": walls["thin_m"],
         "normals_of_source": measured["normals_of_source"],
         "warnings": list(measured["warnings"]),
+        **({"source_up": measured["source_up"]} if "source_up" in measured else {}),
     }
 
 

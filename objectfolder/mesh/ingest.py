@@ -16,6 +16,7 @@ from objectfolder.mesh.body import Topology, solid_properties, topology_of
 from objectfolder.mesh.cleaning import NESTED_REMEDY, CleaningReport, clean
 from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.up_axis import Z_UP, up_axis
 from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
 from objectfolder.renaming import formerly_positional
@@ -31,6 +32,7 @@ def ingest_object(
     length_m: float | None = None,
     object_id: str | None = None,
     with_textures: bool = True,
+    up: str | None = None,
 ) -> Product:
     """Load, clean, scale and measure one object.
 
@@ -46,6 +48,8 @@ def ingest_object(
         Names the object in errors; None takes the name of the file without its ending.
     with_textures
         False leaves colours unread, and files that name textures that are missing usable for sound and touch.
+    up
+        Axis of the file that is up and becomes z; None takes y for glTF, z for all others.
 
     Returns
     -------
@@ -55,8 +59,8 @@ def ingest_object(
         `texture_0`, `texture_1`, ... (y, x, channel), with `alpha_cutoff_0`, `roughness_0`, `metallic_0`,
         `normal_map_0`, ... where the source has them; in its attributes the report: cleaning, topology,
         solid, wall thickness, share of corners with normals of the source, warnings (of walls: what
-        geometry alone tells), digests of geometry, texture and normals, source files, measures of the walls
-        (see `WallMeasures`).
+        geometry alone tells), `source_up` (the axis of the file that became z, where that was another),
+        digests of geometry, texture and normals, source files, measures of the walls (see `WallMeasures`).
 
     Raises
     ------
@@ -73,7 +77,7 @@ def ingest_object(
     object_id = mesh_path.stem if object_id is None else object_id
     where = f"{object_id} ({mesh_path})"
     try:
-        mesh, report = clean(load_mesh(mesh_path, texture_path, with_textures=with_textures), where)
+        mesh, report = clean(load_mesh(mesh_path, texture_path, with_textures=with_textures, up=up), where)
         mesh, warnings = with_length(mesh, length_m, where)
     except InputError as problem:
         if problem.where.startswith(where):
@@ -83,6 +87,8 @@ def ingest_object(
         raise InputError(where, f"has {finding}", "Decimate it")
     walls = measure_walls(mesh.surface)
     attributes = _measured(mesh, report, walls, warnings, length_m)
+    if (axis := up or up_axis(mesh_path)) != Z_UP:
+        attributes["source_up"] = axis
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
     texture = (mesh.texture_coordinates, mesh.face_texture, *mesh.textures, *_numbered_maps(mesh))
     attributes |= {

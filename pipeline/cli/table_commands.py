@@ -84,9 +84,8 @@ def add(
         preview = preview or added.folder.parent / f"{checked.object_id}.png"
     if preview and not no_preview:
         figures["picture"] = str(preview)
-        # glTF has y up; scans, z.
         with status_line("drawing a picture"):
-            preview_of(checked, preview, lines, 1 if wanted.mesh.suffix.lower() in (".gltf", ".glb") else 2)
+            preview_of(checked, preview, lines)
         if not json:
             print(f"picture      {preview}")
     if json:

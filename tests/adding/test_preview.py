@@ -40,7 +40,7 @@ def tube(wall: float, outer: float = 0.04, height: float = 0.1) -> TexturedMesh:
 
 def test_the_cut_shows_the_material_to_scale():
     mesh = tube(0.008)
-    views = standard_views(mesh.extents, 2)
+    views = standard_views(mesh.extents)
     side = side_m(mesh, views)
     image = draw(mesh, views[-1], side, 300)
     cut = (np.abs(image - 255 * CUT) < 2).all(axis=2).sum() * (side / 300) ** 2
@@ -50,7 +50,7 @@ def test_the_cut_shows_the_material_to_scale():
 
 def test_all_views_show_the_whole_object_to_one_scale():
     mesh = tube(0.008)
-    views = standard_views(mesh.extents, 2)
+    views = standard_views(mesh.extents)
     side = side_m(mesh, views)
     for view in views:
         image = draw(mesh, view, side, 120)
@@ -65,7 +65,7 @@ def test_all_views_show_the_whole_object_to_one_scale():
 def test_thin_walls_are_red():
     for wall, marked in ((0.001, True), (0.006, False)):
         mesh = tube(wall)
-        view = standard_views(mesh.extents, 2)[2]
+        view = standard_views(mesh.extents)[2]
         image = draw(mesh, view, 0.2, 100, walls_marked(mesh, 0.003)).astype(int)
         reddish = image[..., 0] - image[..., 1] > 60
         assert (reddish.sum() > 1000) == marked
@@ -77,7 +77,7 @@ def test_the_picture_has_its_views_and_its_text(tmp_path):
     sizes = []
     for words in (1, 60):
         lines = ["object       tube", f"walls?       {'words $ ' * words}"]
-        write_preview(tmp_path / "tube.png", mesh, lines, walls_marked(mesh, 0.001), up_axis=1)
+        write_preview(tmp_path / "tube.png", mesh, lines, walls_marked(mesh, 0.001))
         with Image.open(tmp_path / "tube.png") as picture:
             sizes.append(picture.size)
             image = np.asarray(picture)[..., :3]

@@ -44,8 +44,17 @@ def colours_at(mesh: TexturedMesh, points: np.ndarray, within_m: float = 1e-5) -
     return result
 
 
+def z_up(truth: Truth) -> Truth:
+    """A truth in the axes of a glTF, whose y is up, as one in the axes of objects."""
+    x, y, z = truth.extents_m
+    colours = tuple(((at[0], -at[2], at[1]), colour) for at, colour in truth.colours)
+    return replace(truth, extents_m=(x, z, y), colours=colours)
+
+
 def check(path: Path, truth: Truth) -> Product:
-    """Load, clean and ingest a file, and hold all three against the truth."""
+    """Load, clean and ingest a file, and hold all three against the truth, which is in the file's axes."""
+    if path.suffix in (".gltf", ".glb"):
+        truth = z_up(truth)
     mesh, _ = clean(load_mesh(path))
     topology = topology_of(mesh.surface)
     assert (topology.watertight, topology.consistent) == (truth.watertight, True)

@@ -27,9 +27,13 @@ from hard_meshes import (
     write_text,
 )
 
+from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.export.files import Credit
+from objectfolder.vision.export.gltf import Part, write_glb
 
 # glTF
 
@@ -293,10 +297,44 @@ def test_gltf_of_every_kind(subtests, tmp_path):
             assert first.attributes["digests"] == second.attributes["digests"]
 
 
-def test_y_stays_up(tmp_path):
-    """A file's axes are the object's: what is written along y is high in y."""
-    product = check(*gltf(truth=replace(SINGLE, colours=()))(tmp_path))
-    np.testing.assert_allclose(np.ptp(product["vertices"], axis=0), OBJ_SIDES, rtol=1e-6)
+def cone(folder: Path) -> Path:
+    """A cone of 12 cm that stands on the ground of a glTF: its apex is at y = 0.12 m."""
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    rim = np.stack([0.03 * np.cos(angles), 0 * angles, 0.03 * np.sin(angles)], axis=1)
+    vertices = np.concatenate([rim, [[0, 0.12, 0], [0, 0, 0]]])
+    faces = [[k, 8, (k + 1) % 8] for k in range(8)] + [[(k + 1) % 8, 9, k] for k in range(8)]
+    writer = GltfWriter()
+    positions = writer.accessor(vertices.astype("<f4"))
+    indices = writer.accessor(np.array(faces, dtype="<u4").reshape(-1))
+    writer.node(mesh=writer.mesh({"attributes": {"POSITION": positions}, "indices": indices}))
+    return writer.write(folder / "cone.glb")
+
+
+def test_an_axis_that_is_up_becomes_z(subtests, tmp_path):
+    """A glTF's y by its standard, or what is said; the record says which where it was not z."""
+    path = cone(tmp_path)
+    for up, apex in ((None, [0, 0, 0.12]), ("y", [0, 0, 0.12]), ("z", [0, 0.12, 0]), ("x", [0.12, 0, 0])):
+        with subtests.test(up=up):
+            product = ingest_object(path, up=up)
+            vertices = product["vertices"]
+            farthest = vertices[np.argmax(np.linalg.norm(vertices, axis=1))]
+            np.testing.assert_allclose(farthest, apex, atol=1e-7)
+            assert product.attributes["solid"]["volume_m3"] > 0
+            assert product.attributes.get("source_up", "z") == (up or "y")
+    with pytest.raises(InputError, match="'w' is no axis"):
+        load_mesh(path, up="w")
+
+
+def test_an_exported_glb_comes_back_the_same(tmp_path):
+    """Export turns z to glTF's y by the node, and reading turns it back: bit for bit."""
+    mesh = load_mesh(cone(tmp_path))
+    corners = mesh.vertices[mesh.faces].astype(np.float32)
+    normals = np.broadcast_to([0.0, 0.0, 1.0], corners.shape)
+    part = Part(corners, normals, np.zeros((len(corners), 3, 2)), np.full((1, 1, 4), 255, np.uint8))
+    credit = Credit("cone", "Cone", "made by code", "CC0-1.0", "the tests")
+    write_glb(tmp_path / "back.glb", [part], Appearance(0.5, 0.0), credit, mipmaps=False)
+    back = load_mesh(tmp_path / "back.glb")
+    np.testing.assert_array_equal(back.vertices[back.faces], corners)
 
 
 def test_alpha_and_maps_of_parts_stay_theirs(tmp_path):
@@ -321,7 +359,7 @@ def test_alpha_and_maps_of_parts_stay_theirs(tmp_path):
     assert [int(texture[0, 0, 3]) for texture in mesh.textures] == [40, 40, 255]
     assert sorted(mesh.roughness_maps) == [1, 2]
     np.testing.assert_array_equal(mesh.roughness_maps[1], [[10, 20], [30, 40]])
-    assert colours_at(mesh, np.array([[0.4 - 0.025, 0.02, 0.03]])).round().tolist() == [list(RED)]
+    assert colours_at(mesh, np.array([[0.4 - 0.025, -0.03, 0.02]])).round().tolist() == [list(RED)]
 
 
 def skinned(writer: GltfWriter, primitive: dict[str, Any]) -> None:

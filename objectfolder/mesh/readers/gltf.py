@@ -44,7 +44,7 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     """Read a glTF or GLB file as it is, uncleaned; corners without texture coordinates get NaN.
 
     All nodes of the scene are joined with their transforms applied (a mirrored node keeps its outside), in
-    the order of the file; the up axis stays y. Colours of vertices are multiplied by the base colour factor
+    the order of the file; y is up. Colours of vertices are multiplied by the base colour factor
     and become a texture where there is no other; their alpha is ignored. See `gltf_materials.read_material`.
 
     Parameters
@@ -303,13 +303,15 @@ def _rotation(quaternion: Any) -> np.ndarray:
     if length < 1e-6:
         raise ValueError("the rotation of a node is zero")
     x, y, z, w = parts / length
-    return np.array(
+    matrix = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+    # Quarter turns, by which most exporters change axes, move no coordinate by rounding.
+    return np.where(np.abs(matrix - np.rint(matrix)) < 1e-15, np.rint(matrix), matrix)
 
 
 def _refuse_pose(file: Gltf, node: Json, mesh: Json) -> None:

@@ -18,6 +18,7 @@ from objectfolder.mesh.readers.obj import material_libraries, read_obj
 from objectfolder.mesh.readers.ply import ply_texture_name, read_ply
 from objectfolder.mesh.readers.stl import read_stl
 from objectfolder.mesh.readers.textures import opaque, read_texture
+from objectfolder.mesh.up_axis import check_up_axis, up_axis, z_up
 
 Kept = TypeVar("Kept")
 
@@ -26,7 +27,9 @@ _READERS = {".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": rea
 MESH_SUFFIXES = tuple(_READERS)
 
 
-def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = True) -> TexturedMesh:
+def load_mesh(
+    path: Path, texture: Path | None = None, *, with_textures: bool = True, up: str | None = None
+) -> TexturedMesh:
     """Read OBJ, glTF, GLB, PLY or STL with its base colour textures, and maps of reflectance and normals.
 
     Alpha is 255 but where the source asks for transparency: by glTF's `alphaMode`, or by `d` or `map_d` of a
@@ -40,11 +43,13 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
         Replaces every texture, map and colour the mesh file names. Its alpha is ignored.
     with_textures
         False reads the shape alone, which is all that sound and touch need.
+    up
+        Axis of the file that is up, ``"x"``, ``"y"`` or ``"z"``; None takes y for glTF and z for all others.
 
     Returns
     -------
     TexturedMesh
-        Vertices and faces as in the file, in its own units and axes.
+        Vertices and faces as in the file, in its own units, turned so that z is up.
 
     Raises
     ------
@@ -60,6 +65,7 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
     0.0096
     """
     path = Path(path)
+    check_up_axis(up, str(path))
     if not is_file(path):
         raise InputError(str(path), "the mesh file does not exist", "Correct the path or add the file")
     suffix = path.suffix.lower()
@@ -86,7 +92,7 @@ def load_mesh(path: Path, texture: Path | None = None, *, with_textures: bool = 
             metallic_maps={},
             normal_maps={},
         )
-    return _with_coordinates(path, _with_distinct_textures(mesh))
+    return z_up(_with_coordinates(path, _with_distinct_textures(mesh)), up or up_axis(path))
 
 
 def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:

@@ -30,13 +30,11 @@ INDENT = 13
 RED = np.array([0.9, 0.1, 0.1])
 
 
-def write_preview(
-    path: Path, mesh: TexturedMesh, lines: Sequence[str], tint: Tint | None = None, up_axis: int = 2
-) -> None:
-    """Write a PNG of a cleaned mesh in metres, with lines of text below it; one axis is up."""
+def write_preview(path: Path, mesh: TexturedMesh, lines: Sequence[str], tint: Tint | None = None) -> None:
+    """Write a PNG of a cleaned mesh in metres, with lines of text below it; z is up."""
     from matplotlib.figure import Figure
 
-    views = standard_views(mesh.extents, up_axis)
+    views = standard_views(mesh.extents)
     side = side_m(mesh, views)
     text = "\n".join(textwrap.fill(line, LETTERS, subsequent_indent=INDENT * " ") for line in lines)
     figure = Figure(figsize=(10, 7 + 0.17 * len(text.splitlines())), dpi=100, layout="constrained")
@@ -64,12 +62,12 @@ def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
     return marked
 
 
-def preview_of(checked: Checked, path: Path, lines: Sequence[str], up_axis: int) -> None:
+def preview_of(checked: Checked, path: Path, lines: Sequence[str]) -> None:
     """Write the picture of an object that was read; doubtful walls are marked."""
     mesh, tint = textured_mesh_of(checked.product), None
     if any(finding.kind == THIN for finding in checked.findings):
         tint = walls_marked(mesh, WALL_LIMITS.get(checked.material.name, ANY_MATERIAL).least_wall_m)
-    write_preview(path, mesh, lines, tint, up_axis)
+    write_preview(path, mesh, lines, tint)
 
 
 def lines_about(checked: Checked) -> list[str]:
@@ -90,6 +88,7 @@ def lines_about(checked: Checked) -> list[str]:
         f"surface      {len(checked.product['faces'])} triangles, {closed}, "
         f"pieces {topology['components'] - cavities}, cavities {cavities}, "
         f"normals {told_normals(attributes['normals_of_source'])}",
+        f"up           {attributes.get('source_up', 'z')} of the file",
         f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
         f"{checked.material.name} ({density:g} kg/m3)",
     ]

@@ -38,12 +38,11 @@ class View(NamedTuple):
     cut: bool = False
 
 
-def standard_views(extents: Floats, up_axis: int) -> list[View]:
+def standard_views(extents: Floats) -> list[View]:
     """Two corners, two sides, from above, and a section along the object's longer side."""
-    up = np.eye(3)[up_axis]
-    first, second = (axis for axis in range(3) if axis != up_axis)
+    along_x, along_y, up = np.eye(3)
     # The section holds the longer of the two horizontal axes.
-    across = np.eye(3)[second if extents[first] >= extents[second] else first]
+    across = along_y if extents[0] >= extents[1] else along_x
     along = np.cross(up, across)
     return [
         View("from a corner", axes_towards(0.8 * along + across + 0.7 * up, up)),

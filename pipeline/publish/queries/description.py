@@ -62,7 +62,8 @@ def _body(file: ObjectFile) -> list[str]:
     warnings = [f"warning      {warning}" for warning in body.get("warnings") or []]
     return [
         f"body         {mass} ({closed}), pieces {body['components']}, median wall {wall}, "
-        f"normals {told_normals(body.get('normals_of_source', 0.0))}",
+        f"normals {told_normals(body.get('normals_of_source', 0.0))}"
+        + (f", {body['source_up']} of the source became z" if "source_up" in body else ""),
         *warnings,
     ]
 
