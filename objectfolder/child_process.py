@@ -16,6 +16,17 @@ CHECK_INTERVAL_S = 1.0
 OUT_OF_TIME = -signal.SIGXCPU  # exit status of a process that reached the limit of `limit_cpu_time`
 
 
+def module_command(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs a module; files of the current folder are no modules to it (`-P`)."""
+    return [sys.executable, "-P", "-m", module, *arguments]
+
+
+def search_path() -> str:
+    """Return the `PYTHONPATH` by which a child finds this package, before what is there already."""
+    root = str(Path(__file__).resolve().parents[1])
+    return os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+
+
 def run_module(
     module: str,
     *arguments: Path,
@@ -39,10 +50,8 @@ def run_module(
     subprocess.TimeoutExpired
         It took longer than `timeout_s`.
     """
-    root = str(Path(__file__).resolve().parents[1])
-    search_path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
-        [sys.executable, "-m", module, *map(str, arguments)],
+        module_command(module, *map(str, arguments)),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -50,7 +59,7 @@ def run_module(
         check=False,
         cwd=cwd,
         timeout=timeout_s,
-        env={**os.environ, "PYTHONPATH": search_path, **(environment or {})},
+        env={**os.environ, "PYTHONPATH": search_path(), **(environment or {})},
     )
 
 

@@ -6,6 +6,8 @@ import subprocess
 import sys
 import time
 
+from objectfolder.child_process import run_module
+
 CHILD = (
     "import os, time; from objectfolder.child_process import end_with; end_with(os.getppid()); "
     "print(os.getpid(), flush=True); time.sleep(600)"
@@ -23,6 +25,18 @@ def _runs(pid: int) -> bool:
             return file.read().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):
         return False
+
+
+def test_a_child_imports_no_code_of_the_current_folder(tmp_path, monkeypatch) -> None:
+    """As an archive that was downloaded and unpacked may have it."""
+    (tmp_path / "numpy.py").write_text("print('executed')\n")
+    (tmp_path / "absent.py").write_text("print('executed')\n")
+    monkeypatch.chdir(tmp_path)
+    found = run_module("numpy")
+    assert "executed" not in found.stdout
+    assert "numpy" in found.stderr  # the package, which is no program
+    assert "No module named absent" in run_module("absent").stderr
+    assert run_module("objectfolder.child_process", cwd=tmp_path).returncode == 0
 
 
 def test_killing_the_parent_ends_the_child() -> None:

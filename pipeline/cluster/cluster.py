@@ -37,6 +37,7 @@ DEFAULTS: Mapping[str, Any] = {
     # Units of learning run in the workers, and networks that are trained there take two fifths of their CPU
     # seconds for pages that are returned and asked for again.
     **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in GLIBC.items()},
+    "distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH": "1",  # nothing in the current folder is a module
 }
 
 

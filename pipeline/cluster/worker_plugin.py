@@ -9,13 +9,13 @@ import asyncio
 import contextlib
 import os
 import subprocess
-import sys
 from dataclasses import dataclass
 from typing import Any
 
 from distributed import Status, WorkerPlugin
 from distributed.system import MEMORY_LIMIT
 
+from objectfolder.child_process import module_command, search_path
 from pipeline.cluster.pools import MEMORY, USABLE, stated
 
 TOPIC = "objectfolder"
@@ -94,12 +94,13 @@ class Admission(WorkerPlugin):
         if self.environment is None:
             return ""
         answer = subprocess.run(
-            [sys.executable, "-m", "pipeline.cluster.environment_check"],
+            module_command("pipeline.cluster.environment_check"),
             input=self.environment,
             capture_output=True,
             text=True,
             cwd=self.folder if sees_folder else None,
             timeout=CHECK_LIMIT_S,
+            env={**os.environ, "PYTHONPATH": search_path()},
             check=False,
         )
         if answer.returncode:

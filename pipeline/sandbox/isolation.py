@@ -4,7 +4,6 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder import instructions
+from objectfolder.child_process import module_command, search_path
 from pipeline.dataset.task import Call, Failure, Outcome
 from pipeline.sandbox import host_memory, scratch
 from pipeline.sandbox.child import STALE
@@ -204,14 +204,13 @@ class Child:
             self.close()
             self._served = 0
             folder = self._scratch.name
-            path = os.pathsep.join(filter(None, (str(self._root), os.environ.get("PYTHONPATH"))))
             environment = {
                 **instruction_settings(),
                 **os.environ,  # a choice of the user's holds
                 **GLIBC,  # Dask sets its workers' allocator to return memory at once; tasks reuse theirs
                 "OMP_WAIT_POLICY": "PASSIVE",
                 "PYTHONHASHSEED": "0",
-                "PYTHONPATH": path,  # that processes of a task find the same code as the task
+                "PYTHONPATH": search_path(),  # that processes of a task find the same code as the task
                 "TMPDIR": folder,
             }
             environment.update(dict.fromkeys(THREADS, str(self._settings.threads)))
@@ -219,7 +218,7 @@ class Child:
             self._answers, answers = Pipe(duplex=False)
             with calls, answers:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", "pipeline.sandbox.guard", folder],
+                    module_command("pipeline.sandbox.guard", folder),
                     stdin=calls.fileno(),
                     stdout=answers.fileno(),
                     stderr=self._log,
