@@ -21,19 +21,13 @@ from objectfolder.live.clip import FRAMES_PER_S, SAMPLE_RATE_HZ, beside, write_c
 from objectfolder.live.gripper import FINGERS, shown_finger
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
-from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 
 FOLDER, TASKS = Path("reports/clips"), ("grasping", "regrasping")
 HELD, LOST = "held", "lost"
 EACH, MOST_TRIED = 5, 500  # clips of an outcome; tries among which they are looked for
-GEL = Sensor()
-PIXELS = 2 * GEL.image_height  # of a side of the camera's image, beside both gels
-RESOLUTION = PIXELS, PIXELS + GEL.image_width
 FROM = np.array([1.0, -0.35, 0.6])  # the camera stands that way from the object, beside the fingers' way
 AFTER_S = 0.7  # that a clip goes on when the fingers have been lifted
-# Of what an object is heard to touch beside the table.
-GEL_MATTER = GEL.gel_youngs_modulus_pa, GEL.gel_poisson_ratio
 
 
 class Tried(NamedTuple):
@@ -105,14 +99,22 @@ def _regrasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator
 
 def write_film(path: Path, world: World, file: ObjectFile, grasps: list[Grasp]) -> None:
     """Write a clip of fingers that close on an object, again elsewhere, and lift it at the last."""
-    write_clip(path, filmed(world, file, grasps), RESOLUTION)
+    pixels = _pixels(file)
+    write_clip(path, filmed(world, file, grasps), (pixels, pixels + file.touch.sensor.image_width))
+
+
+def _pixels(file: ObjectFile) -> int:
+    """Return the side of the camera's image, beside both gels."""
+    return 2 * file.touch.sensor.image_height
 
 
 def filmed(
     world: World, file: ObjectFile, grasps: list[Grasp]
 ) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64]]]:
     """Yield images and sounds as of `recorded`; each grasp begins with a cut, for the object is put back."""
-    fingers = {name: shown_finger() for name in FINGERS}
+    sensor = file.touch.sensor
+    gel_matter = sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio  # beside the table
+    fingers = {name: shown_finger(sensor) for name in FINGERS}
     sight = LiveSight(world.simulation, {"object": file}, matt=fingers)
     world.place(grasps[0])
     camera = _camera(world, file)
@@ -121,12 +123,12 @@ def filmed(
         simulation: Any = _Acted(world.simulation, _acts(world, grasp, lifts=grasp is grasps[-1]))
         sound = LiveSound(
             simulation, {"object": file}, listener_m=tuple(camera[:3, 3]),
-            known=dict.fromkeys(FINGERS, GEL_MATTER), block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
+            known=dict.fromkeys(FINGERS, gel_matter), block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
         )  # fmt: skip
-        gels = [np.full((GEL.image_height, GEL.image_width, 3), 128, dtype=np.uint8)] * 2
+        gels = [np.full((sensor.image_height, sensor.image_width, 3), 128, dtype=np.uint8)] * 2
         while not simulation.over:
             gels = _gels(world, gels)
-            image, block = sight.image(camera, PIXELS).rgb, sound.block()
+            image, block = sight.image(camera, _pixels(file)).rgb, sound.block()
             # What rings on where the film is cut is faded, or it would click.
             yield beside(image, gels), block * np.linspace(1, 0, len(block)) if simulation.over else block
 

@@ -1,4 +1,4 @@
-"""Grasps of an object that stands on a table, by two DIGITs: what they see and feel, and whether they hold.
+"""Grasps of an object on a table, by two tactile fingers: what they see and feel, and whether they hold.
 
 The object is turned and moved instead of the gripper, which is the same. Images of the gels are taken when
 the fingers have closed and before they lift: how deep the object lies in them, and how their markers have
@@ -17,10 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from objectfolder.errors import InputError, QueryError
 from objectfolder.live import Felt, Finger, LiveTouch, MujocoSimulation
-from objectfolder.live.gripper import BALL_M, FINGERS, HIGHEST_M, gripper
+from objectfolder.live.gripper import FINGERS, HIGHEST_M, gripper, recess_m
 from objectfolder.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.cameras import look_at
 
 Floats = NDArray[np.float64]
@@ -129,7 +128,7 @@ class World:
         self.simulation = MujocoSimulation(self._model, self._data)
         fingers = {name: Finger(friction=FRICTION) for name in FINGERS}
         self._touch = LiveTouch(self.simulation, {"object": file}, fingers)
-        self._apex_m = self.simulation.pose(FINGERS[0])[:3, 3] + [0, 0, Sensor().gel_apex_m[2]]
+        self._apex_m = self.simulation.pose(FINGERS[0])[:3, 3] + [0, 0, file.touch.sensor.gel_apex_m[2]]
         self._model.actuator_actrange[:, 0] = -HIGHEST_M  # also below where they start
         body = self._data.body("object").id
         self._first = int(self._model.jnt_qposadr[self._model.body_jntadr[body]])
@@ -186,7 +185,7 @@ class World:
     def opening_m(self) -> float:
         """Distance of the gels' apices."""
         left, right = (self.simulation.pose(name) for name in FINGERS)
-        return float(abs(left[1, 3] - right[1, 3]) - 2 * Sensor().gel_apex_m[0])
+        return float(abs(left[1, 3] - right[1, 3]) - 2 * self.file.touch.sensor.gel_apex_m[0])
 
     def lift(self, force_n: float) -> float:
         """Lift the closed fingers by `LIFT_M`, and return `risen_share`."""
@@ -210,14 +209,12 @@ class World:
         x, y, z = turn @ self._points.T + place[:, None]
         near = z[np.argsort(np.abs(x - self._apex_m[0]))[:NEAREST_POINTS]]
         height = (near.max() + near.min()) / 2 + np.ptp(near) / 2 * grasp.height_share
-        away = np.hypot(x - self._apex_m[0], z - height)
-        before = away < BALL_M
-        if not before.any():  # they will close on nothing, from beside the object
-            before, away = np.ones(len(y), dtype=bool), np.zeros(len(y))
-        recedes = BALL_M - np.sqrt(BALL_M**2 - away[before] ** 2)
+        recedes = recess_m(self.file.touch.sensor, x - self._apex_m[0], z - height)
+        if not np.isfinite(recedes).any():  # they will close on nothing, from beside the object
+            recedes = np.zeros(len(y))
         low, high = self.file.surface.bounds[:, 1]
-        data.joint("left_close").qpos[0] = (y[before] + recedes).min() - low
-        data.joint("right_close").qpos[0] = high - (y[before] - recedes).max()
+        data.joint("left_close").qpos[0] = (y + recedes).min() - low
+        data.joint("right_close").qpos[0] = high - (y - recedes).max()
         for number, name in enumerate(FINGERS):
             data.joint(f"{name}_lift").qpos[0] = data.act[number] = height - self._apex_m[2]
         mujoco.mj_forward(model, data)

@@ -8,6 +8,7 @@ from objectfolder.batch.sound import SoundBatch
 from objectfolder.batch.targets import checked_device, torch
 from objectfolder.batch.touch import TouchBatch
 from objectfolder.object_file import ObjectFile
+from objectfolder.object_file.shared_sensor import shared_sensor
 from objectfolder.touch.sensor.sensor import Sensor
 
 
@@ -21,7 +22,7 @@ class Batch:
     device
         ``"cuda"``, or ``"cpu"`` for the same answers from loops on one core.
     sensor
-        What presses; the first file's own if None.
+        What presses; the one that the files were made with if None.
     precision
         Of touched pixels, ``"single"`` or ``"double"``.
 
@@ -55,9 +56,15 @@ class Batch:
 
     @cached_property
     def touch(self) -> TouchBatch:
-        """Touches; see `TouchBatch.press` and `TouchBatch.see`."""
+        """Touches; see `TouchBatch.press` and `TouchBatch.see`.
+
+        Raises
+        ------
+        QueryError
+            Files made with different sensors, and none named.
+        """
         nets = [file.touch.net for file in self.files]
-        sensor = nets[0].sensor if self._sensor is None else self._sensor
+        sensor = self._sensor or shared_sensor({str(index): file for index, file in enumerate(self.files)})
         patches = [net._patches for net in nets]
         return TouchBatch(patches, sensor, nets[0].samples, self.device, self._precision)
 

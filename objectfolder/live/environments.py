@@ -18,6 +18,7 @@ from objectfolder.live.sound import BLOCK_SAMPLES, LiveSound
 from objectfolder.live.touch import Finger, LiveTouch
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import whole
+from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.vision.cameras import look_at
 
 with needs_extra("gymnasium"):
@@ -123,6 +124,8 @@ class Squeeze(Standing):
         Of a side of the image.
     render_mode
         ``"rgb_array"``: `render` returns the image.
+    sensor
+        Of both fingers; the one that the file was made with if None.
 
     Raises
     ------
@@ -140,13 +143,17 @@ class Squeeze(Standing):
     """
 
     def __init__(
-        self, file: ObjectFile | None = None, pixels: int = 64, render_mode: str | None = None
+        self,
+        file: ObjectFile | None = None,
+        pixels: int = 64,
+        render_mode: str | None = None,
+        sensor: Sensor | None = None,
     ) -> None:
         file = example("mug") if file is None else file
-        super().__init__(gripper(file, FRICTION), file, pixels, BLOCKS, render_mode)
-        fingers = {name: Finger(friction=FRICTION) for name in FINGERS}
+        super().__init__(gripper(file, FRICTION, sensor=sensor), file, pixels, BLOCKS, render_mode)
+        fingers = {name: Finger(friction=FRICTION, sensor=sensor) for name in FINGERS}
         self._touch = LiveTouch(self._simulation, {"object": file}, fingers, onto_surface=True)
-        sensor = Finger().sensor
+        sensor = self._touch.sensors[FINGERS[0]]
         gels = (len(FINGERS), sensor.image_height, sensor.image_width, 3)
         self.action_space = Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: gymnasium.Space[Any] = Dict(

@@ -14,6 +14,7 @@ from objectfolder.live.gripper import FINGERS, MOTORS, OPENING_M, fingers
 from objectfolder.live.mujoco_simulation import MujocoSimulation
 from objectfolder.live.rubbing import GRAVITY_M_S2
 from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.object_file.shared_sensor import shared_sensor
 from objectfolder.query_values import real, real_array
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -44,17 +45,21 @@ class Handling(MujocoSimulation):
         `mujoco.MjSpec` of the scene, which gets a hand that nothing but objects stops, and elliptic cones.
     files
         Object Files by the names of their bodies, which move freely.
+    sensor
+        Of both fingers; the one that the files were made with if None.
 
     Raises
     ------
     QueryError
-        A body that the scene lacks or holds fast.
+        A body that the scene lacks or holds fast, no sensor where the files were made with different ones.
     """
 
-    def __init__(self, spec: Any, files: Mapping[str, ObjectFile]) -> None:
+    def __init__(self, spec: Any, files: Mapping[str, ObjectFile], sensor: Sensor | None = None) -> None:
         with needs_extra("mujoco"):
             import mujoco
-        turned = fingers((0.0, -Sensor().gel_apex_m[2]), (-STARTS_M, STARTS_M), FRICTION)
+        self.sensor = sensor or shared_sensor(files)
+        away = 0.0, -self.sensor.gel_apex_m[2]
+        turned = fingers(away, (-STARTS_M, STARTS_M), self.sensor, FRICTION)
         palm = f'<body name="palm" mocap="true" pos="{" ".join(map(str, PARKED_M))}">{turned}</body>'
         hand = f"<mujoco><worldbody>{palm}</worldbody><actuator>{MOTORS}</actuator></mujoco>"
         spec.attach(mujoco.MjSpec.from_string(hand), frame=spec.worldbody.add_frame(), prefix=HAND)
@@ -131,7 +136,7 @@ class Handling(MujocoSimulation):
         frame = np.column_stack([np.cross(y, [0.0, 0.0, 1.0]), y, [0.0, 0.0, 1.0]])
         seen = (self._files[body].surface.vertices @ pose[:3, :3].T + pose[:3, 3]) @ frame
         low, high = seen.min(axis=0), seen.max(axis=0)
-        closed = STARTS_M - (high[1] - low[1]) / 2 - OPENING_M - Sensor().gel_apex_m[0]
+        closed = STARTS_M - (high[1] - low[1]) / 2 - OPENING_M - self.sensor.gel_apex_m[0]
         if closed < 0:
             raise QueryError(body, f"{high[1] - low[1]:.3g} m wide, wider than the hand", "Turn it.")
         turn = np.zeros(4)

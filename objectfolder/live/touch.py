@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Simulation, Touching, finite_pose
 from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.object_file.shared_sensor import shared_sensor
 from objectfolder.query_values import real, real_array, whole
 from objectfolder.touch.contact.height_field import gap_field
 from objectfolder.touch.contact.patch import FacePatches
@@ -41,7 +42,7 @@ class Finger:
     sensor_to_body
         (4, 4) pose of the sensor's frame in the body's, metres; by default they are one.
     sensor
-        A DIGIT by default.
+        What presses; the one that the Object Files were made with if None.
     friction
         Coulomb's coefficient of gel and object: that of the scene.
     samples
@@ -54,7 +55,7 @@ class Finger:
     """
 
     sensor_to_body: Floats = field(default_factory=lambda: np.eye(4))
-    sensor: Sensor = field(default_factory=Sensor)
+    sensor: Sensor | None = None
     friction: float = 1.0
     samples: int = 2
 
@@ -73,8 +74,8 @@ class Felt:
 
     Parameters
     ----------
-    finger, name
-        Which one.
+    finger, name, sensor
+        Which one, and what presses.
     touched
         The body that lies deepest in the gel; None where none does.
     sensor_to_object
@@ -89,6 +90,7 @@ class Felt:
 
     finger: Finger
     name: str
+    sensor: Sensor
     touched: str | None
     sensor_to_object: Floats
     penetration_m: float
@@ -129,7 +131,7 @@ class Felt:
         QueryError
             A force of an object that is not at the gel, or more than the gel bears.
         """
-        sensor, normal_n = self.finger.sensor, self.normal_n
+        sensor, normal_n = self.sensor, self.normal_n
         shape = _cells(sensor)
         pitch = sensor.gel_height_m / shape[0], sensor.gel_width_m / shape[1]
         seen = gap_field(self._patches, sensor, self.sensor_to_object, shape)
@@ -157,7 +159,7 @@ class Felt:
 
     @property
     def _gel(self) -> Elastomer:
-        sensor = self.finger.sensor
+        sensor = self.sensor
         return Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
 
     def markers(self, grid: tuple[int, int] = (9, 7)) -> Markers:
@@ -168,7 +170,7 @@ class Felt:
         QueryError
             As `sheared`, or a grid that is none.
         """
-        return moved_markers(self.finger.sensor, *self.sheared, grid)
+        return moved_markers(self.sensor, *self.sheared, grid)
 
 
 class LiveTouch:
@@ -190,10 +192,15 @@ class LiveTouch:
         each other at the gel than the surface does, take the sensor on along its axis until the surface lies
         as deep, to 0.1 mm and by 10 mm at most: as deep as the same force presses it into the engine's shape.
 
+    Attributes
+    ----------
+    sensors
+        By the names of fingers, what presses.
+
     Raises
     ------
     QueryError
-        A body that the simulation lacks, no file.
+        A body that the simulation lacks, no file, a finger of no sensor and files made with different ones.
 
     Examples
     --------
@@ -223,9 +230,10 @@ class LiveTouch:
         self._simulation, self._fingers, self._onto_surface = simulation, dict(fingers), onto_surface
         for body in (*files, *fingers):
             finite_pose(simulation, body)
+        self.sensors = {name: finger.sensor or shared_sensor(files) for name, finger in fingers.items()}
         self._patches = {name: FacePatches(file.surface) for name, file in files.items()}
         self._seers = {
-            (body, name): Simulator(patches, finger.sensor, finger.samples)
+            (body, name): Simulator(patches, self.sensors[name], finger.samples)
             for body, patches in self._patches.items()
             for name, finger in self._fingers.items()
         }
@@ -245,21 +253,21 @@ class LiveTouch:
         }
 
     def _felt(self, name: str, finger: Finger, touching: Sequence[Touching]) -> Felt:
-        frame = finite_pose(self._simulation, name) @ finger.sensor_to_body
+        frame, sensor = finite_pose(self._simulation, name) @ finger.sensor_to_body, self.sensors[name]
         met = {body: [one for one in touching if body in one.bodies] for body in self._patches}
         forces = {body: _force_n(name, met[body]) for body in met}
         found = []
         for body in sorted(self._patches, key=lambda body: forces[body] @ frame[:3, 0]):
-            at_gel_m = [one.depth_m for one in met[body] if _at_gel(finger.sensor, frame, one.point_m)]
+            at_gel_m = [one.depth_m for one in met[body] if _at_gel(sensor, frame, one.point_m)]
             found.append((body, *self._met(body, name, frame, max(at_gel_m, default=0.0))))
         body, pose, near, advanced_m = max(found, key=lambda one: one[2].greatest)  # the first of equals
-        if near.greatest > saturation_depth_m(finger.sensor) + TOLERANCE_M:
+        if near.greatest > saturation_depth_m(sensor) + TOLERANCE_M:
             finding = f"{body!r} lies {near.greatest * 1e3:.3g} mm in its gel, deeper than that gives way"
             raise QueryError(name, finding, "Make its contact stiffer, or press less.")
         force, see = sum(forces.values()) @ frame[:3, :3], partial(self._seers[body, name].see, pose, near)
         touched = body if near.greatest > 0 else None
         patches = self._patches[body]
-        return Felt(finger, name, touched, pose, near.greatest, force, advanced_m, patches, see)
+        return Felt(finger, name, sensor, touched, pose, near.greatest, force, advanced_m, patches, see)
 
     def _met(self, body: str, name: str, frame: Floats, depth_m: float) -> tuple[Floats, Near, float]:
         """Return a sensor's pose in the frame of a body, its faces near the gel, and how far it was taken on.
@@ -271,7 +279,7 @@ class LiveTouch:
         depth_m
             How deep the engine's shapes lie in each other at the gel.
         """
-        sensor, seer = self._fingers[name].sensor, self._seers[body, name]
+        sensor, seer = self.sensors[name], self._seers[body, name]
         own = np.linalg.inv(finite_pose(self._simulation, body)) @ frame
         near = first = seer.approach(own, 0.0)
         pose, wanted_m, advanced_m = own, depth_m - FOLLOWED_M, 0.0

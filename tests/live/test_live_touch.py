@@ -11,6 +11,7 @@ from objectfolder.errors import QueryError
 from objectfolder.live import Finger, LiveTouch, MujocoSimulation, PybulletSimulation, Touching
 from objectfolder.live.gripper import FINGERS, gripper
 from objectfolder.live.touch import _force_n
+from objectfolder.touch import read_sensor
 
 MUG = objectfolder.example("mug")
 GRAVITY, MASS_KG = 9.81, 0.2
@@ -88,6 +89,21 @@ def test_a_finger_sees_what_a_press_at_that_pose_sees(asked):
     assert found.penetration_m == pytest.approx(touches.penetration_m[0], abs=1e-12)
 
 
+def test_a_finger_presses_with_the_sensor_that_the_files_were_made_with():
+    other = objectfolder.example("mug")
+    other.touch.net.sensor = read_sensor("gelsight").at_resolution(48, 64)
+    touches = other.press([[0.0, -0.041, 0.05]])
+    simulation = Posed({"mug": np.eye(4), "finger": touches.sensor_to_object[0]})
+    found = LiveTouch(simulation, {"mug": other}, {"finger": Finger()}).feel()["finger"]
+    np.testing.assert_array_equal(found.image.rgb, touches.rgb[0])
+    simulation.poses["mine"] = np.eye(4)
+    files = {"mine": MUG, "mug": other}
+    with pytest.raises(QueryError, match="'mine' was made with another sensor than 'mug'"):
+        LiveTouch(simulation, files, {"finger": Finger()})
+    chosen = {"finger": Finger(sensor=other.touch.sensor)}
+    assert LiveTouch(simulation, files, chosen).sensors == {"finger": other.touch.sensor}
+
+
 def test_where_the_world_stands_changes_nothing_but_rounding():
     touches = pressed()
     world = turned([0.6, 0.0, 0.8], 123.0, (0.3, -2.0, 0.7))
@@ -99,7 +115,7 @@ def test_where_the_world_stands_changes_nothing_but_rounding():
 
 
 def test_a_finger_rolled_about_its_axis_is_a_press_at_that_roll():
-    axis = Finger().sensor.gel_apex_m
+    axis = MUG.touch.sensor.gel_apex_m
     about = turned([1, 0, 0], 30.0)
     about[:3, 3] = np.array(axis) - about[:3, :3] @ axis
     found = felt(pressed().sensor_to_object[0] @ about)
@@ -130,7 +146,7 @@ def test_a_finger_that_shapes_stop_before_the_surface_feels_it_as_deep(off_m):
     touches = pressed(depth_m=4e-4)
     pose = touches.sensor_to_object[0].copy()
     pose[:3, 3] -= (4e-4 + off_m) * pose[:3, 0]
-    contacts = [bearing(pose, [-2.0, 0.0, 0.0], Finger().sensor.gel_apex_m, 5e-4)]
+    contacts = [bearing(pose, [-2.0, 0.0, 0.0], MUG.touch.sensor.gel_apex_m, 5e-4)]
     found = felt(pose, contacts=contacts, onto_surface=True)
     assert found.touched == "mug"
     assert found.advanced_m == pytest.approx(4e-4 + off_m, abs=1e-9)
@@ -244,7 +260,7 @@ def test_markers_are_dragged_the_way_the_object_pulls():
 
 def squeezed(engine, tilt_deg, friction=0.6):
     """A plate with the mug's file that lies on a finger's gel, both leaning, after half a second."""
-    top = Finger().sensor.gel_apex_m[0]
+    top = MUG.touch.sensor.gel_apex_m[0]
     lean = turned([1, 0, 0], tilt_deg)
     upward = lean @ turned([0, 1, 0], -90.0)  # the sensor's x is up
     plate = lean @ turned([1, 0, 0], 0.0, (-0.015, 0, top + 0.005))

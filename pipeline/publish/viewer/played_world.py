@@ -67,9 +67,10 @@ class PlayedWorld:
 
     def __init__(self, opened: OpenedScene) -> None:
         self._opened, self._files = opened, opened.files
-        self._world = Handling(opened.spec, self._files)
+        sensor = next(iter(self._files.values())).touch.sensor  # which files of a scene need not share
+        self._world = Handling(opened.spec, self._files, sensor)
         self._points = opened.points(self._world)
-        fingers = {name: Finger(friction=FRICTION) for name in FELT_BY}
+        fingers = {name: Finger(sensor=sensor, friction=FRICTION) for name in FELT_BY}
         self._touch = LiveTouch(self._world, self._files, fingers, onto_surface=True)
         self._felt: dict[str, Felt] = {}
         self._poses, self._said = Poses(), ""
@@ -97,7 +98,7 @@ class PlayedWorld:
     def table(self, _: Mapping[str, Any]) -> Answer:
         """Return what the page needs before the first question."""
         middle, reach = surrounded(self._points)
-        sensor = Finger().sensor
+        sensor = self._world.sensor
         said = {name: file.description["object"] for name, file in self._files.items()}
         return {
             "bodies": [
@@ -221,7 +222,7 @@ class PlayedWorld:
 
     def _tell(self) -> None:
         self._poses.tell({name: self._world.pose(name) for name in self._files})
-        apex = np.array(Finger().sensor.gel_apex_m)
+        apex = np.array(self._world.sensor.gel_apex_m)
         self._apexes = [self._world.where(name, apex).tolist() for name in FELT_BY] if self._hand else []
 
     def _wait(self, until: Callable[[], bool]) -> None:
