@@ -1,6 +1,7 @@
 """Results of a comparison as files: the figures, how they were taken, by which code, and their picture.
 
-``python -m bench.record [NAME ...]`` draws the pictures again from the stored figures.
+``python -m bench.record [NAME ...]`` draws the pictures again from the stored figures. Without names it
+draws all that there are.
 """
 
 import argparse
@@ -44,6 +45,11 @@ def stored(name: str) -> dict[str, Any]:
     """Return the content of ``NAME.json``."""
     content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
     return content
+
+
+def pictures() -> list[str]:
+    """Return the comparisons that have a picture."""
+    return sorted(path.stem for path in RESULTS.glob("*.png"))
 
 
 def redraw(name: str) -> None:
@@ -205,5 +211,5 @@ def _plain(value: Any) -> Any:
 
 
 if __name__ == "__main__":
-    for drawn in sys.argv[1:] or sorted(path.stem for path in RESULTS.glob("*.json")):
+    for drawn in sys.argv[1:] or pictures():
         redraw(drawn)

@@ -6,7 +6,7 @@ import pytest
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.sensor.sensor_file import FOLDER, make_table, read_sensor, sensor_names
+from objectfolder.touch.sensor.sensor_file import FOLDER, make_table, read_sensor, sensor_names, write_sensor
 
 DIGIT = (FOLDER / "digit-tacto.yaml").read_text(encoding="utf-8")
 GELSIGHT = (FOLDER / "gelsight.yaml").read_text(encoding="utf-8")
@@ -41,6 +41,12 @@ def test_a_user_adds_a_sensor_by_a_path(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(DIGIT.replace("sigma_grey_levels: 7.0", "sigma_grey_levels: 3"))
     assert read_sensor(tmp_path / "mine.yaml").noise_sigma_grey_levels == 3
     assert read_sensor("mine.yaml", tmp_path).noise_sigma_grey_levels == 3
+
+
+def test_a_sensor_without_a_table_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="DIGIT: has no photometric table"):
+        write_sensor(tmp_path / "mine.yaml", Sensor(), "")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_user_puts_a_calibrated_table_in_place(tmp_path: Path) -> None:

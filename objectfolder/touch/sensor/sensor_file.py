@@ -144,10 +144,16 @@ def write_sensor(path: Path, sensor: Sensor, comment: str) -> None:
         Of the YAML file; the table has its name and the suffix ``.npy``.
     comment
         Lines at its head.
+
+    Raises
+    ------
+    InputError
+        A sensor without a photometric table; nothing is written.
     """
     with needs_extra("factory"):
         import yaml
-    assert sensor.photometric_table is not None
+    if sensor.photometric_table is None:
+        raise InputError(sensor.name, "has no photometric table to write", "Compute one (`make_table`).")
     table = path.with_suffix(".npy")
     content: dict[str, Any] = {"name": sensor.name}
     for section, keys in SECTIONS.items():
