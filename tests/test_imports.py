@@ -8,7 +8,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).parents[1]
 BORDERS = {
     "objectfolder/vision/truth/cycles.py": "bpy",
-    "bench/references/touch_opengl.py": "pyrender",
+    "objectfolder/touch/truth/opengl.py": "pyrender",
 }
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.references.touch_opengl import ReferenceRenderer
 from bench.senses.touch_networks import NetworkRows, press_query
 from objectfolder.fidelity.feel import measure_feel
 from objectfolder.products.store import Product
@@ -18,6 +17,7 @@ from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, to_bytes
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import shade
+from objectfolder.touch.truth.opengl import OpenGLRenderer
 from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.touch.truth.touches import Press
@@ -171,12 +171,12 @@ def _by_opengl(
     vertices: np.ndarray, faces: np.ndarray, sensor: Sensor, poses: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Images of poses by pyrender in a process of its own, and CPU seconds of one, the first left out."""
-    renderer = ReferenceRenderer(sensor)
+    renderer = OpenGLRenderer(sensor)
     surface = Surface(vertices, faces)
     try:
-        list(renderer.render_held(surface, poses[:1]))
+        list(renderer.render(surface, poses[:1]))
         start = time.process_time()
-        images = np.stack([image for image, _ in renderer.render_held(surface, poses)])
+        images = np.stack([image for image, _ in renderer.render(surface, poses)])
         spent = (time.process_time() - start) / len(poses)
     finally:
         renderer.close()

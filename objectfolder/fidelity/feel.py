@@ -22,6 +22,18 @@ DEFINITIONS = {
     "touch.beyond_label_m": "How much deeper in the gel than its label any image shows the object, at most",
 }
 
+# Of touches that pyrender drew.
+PYRENDER_DEFINITIONS = {
+    "touch.pyrender": "The touches as pyrender draws them against the compiled renderer, held-out points: "
+    "signal-to-noise ratios as above, pixels in contact for both over those for either, and root mean square "
+    "of the difference of depth where both are in contact",
+}
+
+
+def definitions(touches: Product) -> dict[str, str]:
+    """Say what is measured of touches, by name."""
+    return DEFINITIONS | (PYRENDER_DEFINITIONS if "compiled_rgb" in touches else {})
+
 
 def measure_touches(
     truth: np.ndarray, truth_mask: np.ndarray, answer: np.ndarray, answer_mask: np.ndarray
@@ -55,6 +67,33 @@ def measure_feel(
         "psnr_contact_worst_db": float(np.min(contact)) if contact else None,
         "ssim": float(np.mean([ssim(t, a) for t, a in zip(truth, answer, strict=True)])),
     }
+
+
+def measure_renderers(touches: Product) -> dict[str, float | None]:
+    """Compare the held-out touches of pyrender with those of the compiled renderer.
+
+    Parameters
+    ----------
+    touches
+        What `simulate_touches` returned.
+
+    Returns
+    -------
+    dict
+        ``pyrender_psnr_db``, ``pyrender_psnr_contact_db``, ``pyrender_psnr_contact_worst_db`` and
+        ``pyrender_ssim`` as `measure_feel` has them, ``pyrender_mask_iou``, ``pyrender_depth_rms_m``; None
+        where nothing is in contact. Empty for touches that pyrender did not draw.
+    """
+    if "compiled_rgb" not in touches:
+        return {}
+    drawn = {name: touches[name][touches["held_out"]] for name in ("rgb", "mask", "depth")}
+    compiled = {name: touches[f"compiled_{name}"] for name in drawn}
+    found = measure_feel(compiled["rgb"], compiled["mask"], drawn["rgb"], drawn["mask"])
+    both, either = drawn["mask"] & compiled["mask"], drawn["mask"] | compiled["mask"]
+    difference = (drawn["depth"] - compiled["depth"])[both]
+    found["mask_iou"] = float(both.sum() / either.sum()) if either.any() else None
+    found["depth_rms_m"] = float(np.sqrt(np.mean(difference**2))) if both.any() else None
+    return {f"pyrender_{name}": value for name, value in found.items()}
 
 
 def measure_reach(touches: Product) -> dict[str, float]:

@@ -82,7 +82,7 @@ def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Pro
         "touch": feel_summary,
         "bytes": {"total": sum(parts.values()) + metadata, **parts, "metadata": metadata},
         "speed_error": [*sight_rows, *sound_rows, *feel_rows],
-        "definitions": {**sight.DEFINITIONS, **sound.DEFINITIONS, **feel.DEFINITIONS},
+        "definitions": {**sight.DEFINITIONS, **sound.DEFINITIONS, **feel.definitions(touches)},
     }
     measures = Product({**sight_arrays, **sound_arrays, **feel_arrays}, attributes)
     return Verification(measures, verified, seconds)
@@ -225,6 +225,7 @@ def _feel(
         "training_touches": 0,  # the surface and the sensor are all there is
         "held_out_touches": int(held_out.sum()),
         **feel.measure_reach(touches),
+        **feel.measure_renderers(touches),
         "surface_bytes": file.bytes_by_part()["surface"],
     }
     dims = ("picture", "y", "x", "channel")

@@ -6,7 +6,7 @@ import operator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationInfo
 from pydantic.dataclasses import dataclass
 
 from objectfolder.errors import InputError
@@ -14,6 +14,8 @@ from pipeline.dataset.validation import own_error, read_yaml, validated
 
 PARAMETERS = "params.yaml"
 NO_OTHER_KEYS = ConfigDict(extra="forbid")
+# Of later versions: with this value tasks are given no such key, so that products of before stay current.
+COMPATIBLE = {"renderer": "compiled"}
 
 
 def _sensor(source: object, info: ValidationInfo) -> dict[str, Any]:
@@ -29,6 +31,19 @@ def _sensor(source: object, info: ValidationInfo) -> dict[str, Any]:
         return read_sensor(source, (info.context or {})["root"]).to_dict()
     except InputError as error:
         raise own_error(error) from error
+
+
+def _renderer(name: str, info: ValidationInfo) -> str:
+    """Check that a renderer is one that can draw the contact and the sensor."""
+    from objectfolder.touch.sensor.sensor import Sensor
+    from objectfolder.touch.truth.opengl import check_drawable
+
+    if "sensor" in info.data and "contact" in info.data:  # else that mistake is named
+        try:
+            check_drawable(name, Sensor.from_dict(info.data["sensor"]), info.data["contact"])
+        except InputError as error:
+            raise own_error(error) from error
+    return name
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
@@ -69,7 +84,10 @@ class AudioParameters:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class TouchParameters:
-    """Ground truth of touch; `sensor` is all of the sensor that the file names, `contact` a contact model."""
+    """Ground truth of touch.
+
+    `sensor` is all of the sensor that the file names, `contact` a contact model, and `renderer` what draws.
+    """
 
     sensor: Annotated[dict[str, Any], BeforeValidator(_sensor)]
     contact: Literal["rigid", "elastic"]
@@ -78,6 +96,7 @@ class TouchParameters:
     depth_m: tuple[float, float]
     tilt_deg: float
     at_vertices: bool
+    renderer: Annotated[str, AfterValidator(_renderer)] = "compiled"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
@@ -143,7 +162,9 @@ class Parameters(SizeParameters, CommonParameters):
 
     @functools.cached_property
     def _mappings(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
+        return dataclasses.asdict(
+            self, dict_factory=lambda items: dict(item for item in items if item not in COMPATIBLE.items())
+        )
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

@@ -95,6 +95,8 @@ class Stage:
         Fields of the object's row that it reads.
     packages
         Distributions whose version may change its numbers.
+    optional_packages
+        From the parameters that it reads to those that it takes for them besides.
     needs
         Pools of workers that can run it (`pipeline.dataset.job.BLENDER`); empty for any.
     tolerances
@@ -109,6 +111,7 @@ class Stage:
     parameters: tuple[str, ...] = ()
     fields: tuple[str, ...] = ()
     packages: tuple[str, ...] = ("numpy",)
+    optional_packages: Callable[[Mapping[str, Any]], tuple[str, ...]] = lambda _: ()
     needs: frozenset[str] = frozenset()
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
 
@@ -149,7 +152,7 @@ class Stage:
             "record": record,
             "inputs": digests,
             "code": verified.code_identity(self.task.partition(":")[0]),
-            "packages": package_versions(self.packages),
+            "packages": package_versions((*self.packages, *self.optional_packages(read))),
             "seed": seed,
         }
         return Prepared(Request(object_id, paths, read, record, seed), parts, contents)

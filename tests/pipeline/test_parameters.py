@@ -43,6 +43,7 @@ def test_both_sizes_are_whole(tmp_path):
         ("      sensor: digit #", "      #", "no key sizes.default.touch.sensor"),
         ("      contact: rigid #", "      #", "no key sizes.default.touch.contact"),
         ("contact: rigid", "contact: soft", "touch.contact is 'soft'. It must be 'rigid' or 'elastic'."),
+        ("renderer: compiled", "renderer: gl", "touch.renderer: renderer: 'gl'. Use compiled or pyrender."),
         ("    vision:\n", "    visions:\n", "unknown key sizes.default.visions. Did you mean"),
         ("seed: 0", "seed: [0", "cannot be read"),
     ],
@@ -62,6 +63,14 @@ def test_what_is_read_is_the_sensor_itself_and_not_its_name(tmp_path):
     (tmp_path / "sensors" / "mine.yaml").write_text(mine)
     parameters = read(tmp_path, TEXT.replace("sensor: digit", "sensor: sensors/mine.yaml", 1))
     assert parameters.touch.sensor == {**digit, "noise_sigma_grey_levels": 1.0}
+
+
+def test_the_compiled_renderer_is_no_parameter_of_a_product_and_another_is(tmp_path):
+    pyrender = TEXT.replace("renderer: compiled", "renderer: pyrender", 1)
+    assert "renderer" not in read(tmp_path, TEXT).values_at("touch")
+    assert read(tmp_path, pyrender).values_at("touch")["renderer"] == "pyrender"
+    with pytest.raises(InputError, match=r"sizes\.default\.touch\.renderer: .* no elastic contact"):
+        read(tmp_path, pyrender.replace("contact: rigid", "contact: elastic", 1))
 
 
 def test_a_mistake_in_the_size_not_selected_is_named(tmp_path):

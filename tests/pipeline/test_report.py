@@ -17,8 +17,9 @@ from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.products.store import Product, write_product
 from pipeline.dataset.measures import REPORTED, Measure, number_at
 from pipeline.publish.report.charts import WIDTH, histogram, setting_medians, speed_error_chart
+from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.sounds import recursions
-from pipeline.publish.report.summary import MeasureSummary
+from pipeline.publish.report.summary import MeasureSummary, object_table, summaries
 from pipeline.publish.report.templates import (
     MINUS,
     NOTHING,
@@ -72,12 +73,22 @@ def test_every_reported_measure_knows_its_direction() -> None:
         "vision.ssim",
         "touch.psnr_db",
         "touch.psnr_contact_db",
+        "touch.pyrender_psnr_contact_db",
     }
     for measure in REPORTED:
         assert measure.worst([1.0, 2.0]) == (1.0 if measure.higher_is_better else 2.0)
         if measure.target is not None:
             better = measure.target + (1 if measure.higher_is_better else -1)
             assert measure.margin(better) == pytest.approx(1.0)
+
+
+def test_the_agreement_of_renderers_is_a_row_and_a_column_where_an_object_has_it() -> None:
+    key = "touch.pyrender_psnr_contact_db"
+    for score in ({}, {"pyrender_psnr_contact_db": 50.0}):
+        objects = [MeasuredObject("mug", {"touch": {"psnr_db": 40.0, **score}})]
+        rows = {row.measure.key: row.mean for row in summaries(objects)}
+        assert rows.get(key) == score.get("pyrender_psnr_contact_db")
+        assert (key in rows) == (key in object_table(objects).partition("\n")[0].split(",")) == bool(score)
 
 
 def test_numbers_that_are_none_are_not_numbers() -> None:

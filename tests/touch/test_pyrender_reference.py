@@ -1,21 +1,31 @@
-"""The renderer against OpenGL. Needs EGL (libegl1 and Mesa): without it these fail, and say so."""
+"""The compiled renderer against OpenGL's. Needs EGL (libegl1 and Mesa): without it these fail, and say so."""
 
+import sys
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
 from touch_shapes import box, bumpy, psnr_db, torus
 
-from bench.references.touch_opengl import render_reference
+from objectfolder.errors import InputError, MissingPackageError, SimulationError
+from objectfolder.fidelity.feel import measure_renderers
+from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
 from objectfolder.touch.sensor.gel import gel_surface
+from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor_file import read_sensor
+from objectfolder.touch.truth.opengl import OpenGLRenderer, check_drawable
 from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.touch.truth.touches import Press
 
 SENSOR = Sensor()
+PAINTED = replace(SENSOR, photometric_table=PhotometricTable(np.zeros((3, 2, 3, 6), np.float16)))
 SURFACES = {
     "bumpy ball": bumpy(),
     "torus": Surface(*torus()),
@@ -23,11 +33,25 @@ SURFACES = {
 }
 
 
-def reference(surface: Surface, poses: np.ndarray, held: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Images and camera depths from a process of its own: OpenGL and forks do not go together."""
+@pytest.fixture(scope="module")
+def pool() -> Iterator[ProcessPoolExecutor]:
+    """A process of its own: OpenGL and forks do not go together."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        done = pool.submit(render_reference, surface.vertices, surface.faces, SENSOR, poses, held)
-        return done.result()
+        yield pool
+
+
+def draw(vertices: np.ndarray, faces: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    renderer = OpenGLRenderer(SENSOR)
+    images, depths = zip(*renderer.render(Surface(vertices, faces), poses), strict=True)
+    renderer.close()
+    return np.stack(images), np.stack(depths)
+
+
+def reference(
+    pool: ProcessPoolExecutor, surface: Surface, poses: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Images and camera depths."""
+    return pool.submit(draw, surface.vertices, surface.faces, poses).result()
 
 
 @pytest.mark.parametrize(
@@ -40,13 +64,13 @@ def reference(surface: Surface, poses: np.ndarray, held: bool = False) -> tuple[
         ),
     ],
 )
-def test_images_agree_with_opengl(name: str) -> None:
+def test_images_agree_with_opengl(pool: ProcessPoolExecutor, name: str) -> None:
     surface = SURFACES[name]
     points = surface.sample(6, 2).points
     if name == "box":
         points = np.concatenate([points, surface.vertices[[7]], [[0.05, 0.02, 0.03]]])
     touch = press(surface, SENSOR, points, Press(depth_m=0.0012, tilt_deg=7.0, azimuth_deg=40.0))
-    images, depths = reference(surface, touch.sensor_to_object)
+    images, depths = reference(pool, surface, touch.sensor_to_object)
     background = no_contact_image(SENSOR)
     seen = touch.mask.sum(axis=(1, 2)) > 100
     assert seen.sum() >= 5
@@ -67,23 +91,69 @@ def test_images_agree_with_opengl(name: str) -> None:
         assert (indentation[inner] > around.min(axis=0) - slack).all()
 
 
-def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level() -> None:
+def test_the_untouched_gel_agrees_with_opengl_to_a_grey_level(pool: ProcessPoolExecutor) -> None:
     pose = np.eye(4)
     pose[0, 3] = -1.0
-    images, _ = reference(SURFACES["box"], pose[None])
+    images, _ = reference(pool, SURFACES["box"], pose[None])
     assert np.abs(images[0].astype(int) - no_contact_image(SENSOR)).max() <= 1
 
 
-@pytest.mark.release("bench")
-def test_a_mesh_held_by_opengl_looks_as_one_handed_over_at_each_pose() -> None:
-    surface = SURFACES["bumpy ball"]
-    touch = press(surface, SENSOR, surface.sample(3, 4).points, Press(depth_m=0.001))
-    images, depths = reference(surface, touch.sensor_to_object)
-    held_images, held_depths = reference(surface, touch.sensor_to_object, held=True)
-    # Single precision moves outlines by a fraction of a micrometre.
-    assert (np.abs(held_images.astype(int) - images) > 2).mean() < 2e-3
-    assert np.median(np.abs(held_depths - depths)[touch.mask]) < 1e-6
-    assert not np.array_equal(held_images[0], held_images[1])
+def simulate(renderer: str) -> Product:
+    sensor = read_sensor("digit")  # shadows, and a gamma that is not pyrender's
+    return simulate_touches(
+        SURFACES["box"], sensor, touches=1, held_out_touches=3, tilt_deg=5.0, renderer=renderer, seed=3
+    )
+
+
+def test_a_data_set_by_pyrender_has_the_labels_of_the_compiled_and_its_own_images(
+    pool: ProcessPoolExecutor,
+) -> None:
+    drawn, compiled = pool.submit(simulate, "pyrender").result(), simulate("compiled")
+    assert drawn.attributes["renderer"]["name"] == "pyrender"
+    assert drawn.attributes["renderer"]["driver"]
+    assert "renderer" not in compiled.attributes
+    assert set(drawn.arrays) - set(compiled.arrays) == {"compiled_rgb", "compiled_depth", "compiled_mask"}
+    for name in compiled.arrays:
+        same = np.array_equal(drawn[name], compiled[name], equal_nan=name == "force_n")
+        assert same == (name not in {"rgb", "depth", "mask", "no_contact"}), name
+    for name in ("rgb", "depth", "mask"):
+        assert np.array_equal(drawn[f"compiled_{name}"], compiled[name][compiled["held_out"]])
+    agreement = measure_renderers(drawn)
+    assert agreement["pyrender_psnr_contact_db"] > 45  # eight bits of one gamma turned into another: 50
+    assert agreement["pyrender_mask_iou"] > 0.98
+    assert agreement["pyrender_depth_rms_m"] < 2e-5
+    assert psnr_db(drawn["no_contact"], compiled["no_contact"]) > 48
+    assert measure_renderers(compiled) == {}
+
+
+def test_a_machine_without_a_driver_or_pyrender_says_so_in_a_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("EGL_DEVICE_ID", "99")
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as bare,
+        pytest.raises(SimulationError, match=r"^pyrender: no OpenGL through EGL .*libegl1"),
+    ):
+        bare.submit(simulate, "pyrender").result()
+    monkeypatch.setitem(sys.modules, "pyrender", None)
+    with pytest.raises(MissingPackageError, match=r"pyrender: .*objectfolder-factory\[opengl\]"):
+        simulate("pyrender")
+
+
+@pytest.mark.parametrize(
+    ("renderer", "sensor", "contact", "message"),
+    [
+        ("opengl", SENSOR, "rigid", "renderer: 'opengl'. Use compiled or pyrender."),
+        ("pyrender", SENSOR, "elastic", "renderer: pyrender draws no elastic contact"),
+        ("pyrender", PAINTED, "rigid", "draws no photometric table, and DIGIT has one"),
+    ],
+)
+def test_what_pyrender_cannot_draw_is_refused(
+    renderer: str, sensor: Sensor, contact: str, message: str
+) -> None:
+    with pytest.raises(InputError) as raised:
+        check_drawable(renderer, sensor, contact)
+    assert message in str(raised.value)
 
 
 def eroded(mask: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from objectfolder.products.store import Array, Product
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.opengl import COMPILED, check_drawable, draw_touches
 from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.touches import Press, Touches
 
@@ -22,6 +23,7 @@ def simulate_touches(
     tilt_deg: float = 15.0,
     at_vertices: bool = False,
     contact: str = "rigid",
+    renderer: str = "compiled",
     samples: int = 2,
     seed: int = 0,
 ) -> Product:
@@ -47,8 +49,11 @@ def simulate_touches(
         replacement, where there are more.
     contact
         ``"rigid"`` or ``"elastic"``: the contact model, see `objectfolder.touch.truth.touches.Press`.
+    renderer
+        ``"compiled"``, or ``"pyrender"``: rigid touches as TACTO draws them, see
+        `objectfolder.touch.truth.opengl.draw_touches`.
     samples
-        Samples along each side of a pixel.
+        Samples along each side of a pixel, of the compiled renderer.
     seed
         Of points, depths and tilts.
 
@@ -59,7 +64,16 @@ def simulate_touches(
         ``points``, ``normals``, ``depth_m`` and ``tilt_deg`` and ``azimuth_deg`` as asked, ``reachable``,
         ``first_contact_offset_m``, ``penetration_m``, ``contact_area_m2``, ``force_n``, ``saturated``,
         ``held_out``; and ``no_contact`` (y, x, channel), the image of the untouched gel. Attributes:
-        ``sensor``, ``contact``, ``samples``, ``seed``, ``reachable_fraction``.
+        ``sensor``, ``contact``, ``samples``, ``seed``, ``reachable_fraction``. Of pyrender, also the arrays
+        ``compiled_rgb``, ``compiled_depth`` and ``compiled_mask``, the held-out touches by the compiled
+        renderer, and the attribute ``renderer``, with the driver's name.
+
+    Raises
+    ------
+    InputError
+        What the renderer cannot draw, see `objectfolder.touch.truth.opengl.check_drawable`.
+    MissingPackageError, SimulationError
+        Neither pyrender nor EGL.
 
     Examples
     --------
@@ -71,16 +85,22 @@ def simulate_touches(
     >>> touches["rgb"].shape, touches["held_out"].tolist()
     ((3, 160, 120, 3), [False, True, True])
     """
+    check_drawable(renderer, sensor, contact)
     training = _vertices(surface, touches, seed) if at_vertices else surface.sample(touches, seed).points
     held_out_seed = int(np.random.SeedSequence([seed, HELD_OUT_STREAM]).generate_state(1)[0])
     points = np.concatenate([training, surface.sample(held_out_touches, held_out_seed).points])
     queries = _queries(((len(training), seed), (held_out_touches, held_out_seed)), depth_m, tilt_deg)
     depth, tilt, azimuth = queries.T
     asked = Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=samples, contact=contact)
-    pressed = press(surface, sensor, points, asked)
+    pressed, untouched = press(surface, sensor, points, asked), no_contact_image(sensor, samples)
     reachable = float(pressed.reachable.mean()) if len(points) else 0.0
     attributes = {"contact": contact, "samples": samples, "seed": seed, "reachable_fraction": reachable}
-    arrays = _arrays(pressed, no_contact_image(sensor, samples), queries, len(training))
+    if renderer == COMPILED:
+        arrays = _arrays(pressed, untouched, queries, len(training))
+        return Product(arrays, {"sensor": sensor.to_dict(), **attributes})
+    drawn, untouched, driver = draw_touches(surface, sensor, pressed)
+    arrays = _arrays(drawn, untouched, queries, len(training)) | _compiled_arrays(pressed[len(training) :])
+    attributes["renderer"] = {"name": renderer, "driver": driver}
     return Product(arrays, {"sensor": sensor.to_dict(), **attributes})
 
 
@@ -100,6 +120,15 @@ def _queries(
     low = np.array([depth_m[0], 0.0, 0.0])
     high = np.array([depth_m[1], tilt_deg, 360.0])
     return np.asarray(low + random * (high - low))
+
+
+def _compiled_arrays(pressed: Touches) -> dict[str, Array]:
+    image, same = ("compared", "y", "x"), "of the held-out touches by the compiled renderer"
+    return {
+        "compiled_rgb": Array(pressed.rgb, (*image, "channel"), "1", f"images {same}"),
+        "compiled_depth": Array(pressed.depth_m, image, "m", f"depth {same}"),
+        "compiled_mask": Array(pressed.mask, image, "1", f"masks {same}"),
+    }
 
 
 def _arrays(pressed: Touches, untouched: np.ndarray, queries: np.ndarray, training: int) -> dict[str, Array]:

@@ -69,11 +69,16 @@ class MeasureSummary:
 
 
 def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
-    """Return every headline measure and the bytes; silent objects leave those of audio."""
+    """Return every headline measure and the bytes; silent objects leave those of audio.
+
+    An occasional measure that no object has is left out.
+    """
     found = []
     for measure in (*REPORTED, BYTES):
         counted = [one for one in objects if not (measure.sense == "audio" and one.silent)]
         known = [(value, one) for one in counted if (value := measure.of(one.attributes)) is not None]
+        if measure.occasional and not known:
+            continue
         trivial = mean([measure.trivial_of(one.attributes) for _, one in known])
         found.append(MeasureSummary(measure, [(value, one.object_id) for value, one in known], trivial))
     return found
@@ -156,7 +161,7 @@ def object_table(objects: Sequence[MeasuredObject]) -> str:
     """Return one row an object with every number known of it; an empty cell for an unknown one."""
     stated = [(one, part, name) for one in objects for part in PARTS[:-1] for name in one.part(part)]
     keys = {(part, name) for one, part, name in stated if number_at(one.part(part), name) is not None}
-    keys |= {(measure.sense, measure.name) for measure in REPORTED}
+    keys |= {(measure.sense, measure.name) for measure in REPORTED if not measure.occasional}
     ordered = sorted(keys, key=lambda key: (PARTS.index(key[0]), key[1]))
     ordered += [("bytes", name) for name in BYTE_PARTS]
     stages = stage_names(objects)

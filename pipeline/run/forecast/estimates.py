@@ -48,6 +48,7 @@ UNKNOWN = 60.0, 60.0, 500_000_000  # of a stage that is known nowhere: long enou
 PACKAGED_RAYS = (100 * 32 + 12 * 256) * 128**2
 PACKAGED_VIEW_PIXELS = 112 * 128**2
 PACKAGED_TOUCH_PIXELS = 150 * 160 * 120
+PYRENDER_TIMES = 10.0  # as long as compiled: 12 CPU-s for 150 touches by Mesa
 PACKAGED_FREQUENCY_HZ = 20_000.0
 PACKAGED_STEPS = 1200
 FITTING_SHARE = 0.65  # of the seconds of encoding: what the die took with 300 steps and with 1200
@@ -270,7 +271,7 @@ def scales(stage: str, parameters: Parameters | None) -> tuple[float, float]:
     if stage == "touches":
         pixels = touch.sensor["image_height"] * touch.sensor["image_width"]
         factor = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
-        return factor, factor
+        return factor * (PYRENDER_TIMES if touch.renderer == "pyrender" else 1.0), factor
     if stage == "encode":
         steps = parameters.encode.visionnet.steps
         return 1.0 + FITTING_SHARE * (steps / PACKAGED_STEPS - 1.0), 1.0
