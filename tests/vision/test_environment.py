@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from small_meshes import box, joined, sphere
 from small_visionnets import drawn_visionnet, rendered_by
 from vision_shapes import cube
 
 from objectfolder.errors import QueryError
+from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
+from objectfolder.vision.compiled.renderer import CompiledRenderer
 from objectfolder.vision.compiled.surroundings import Cast, Surroundings, lobe_directions, looked_up
 from objectfolder.vision.environment import Environment, pixel_directions
 from objectfolder.vision.visionnet.visionnet import VisionNet
@@ -135,6 +138,73 @@ def test_a_highlight_shows_the_object_where_that_hides_a_white_furnace(net: Visi
         np.testing.assert_array_equal(found[2], around.outlined(points, gathered)[1])
     assert (gloss[0] > 0).any()
     np.testing.assert_allclose(gloss[1], gloss[0] * matt[0] / np.pi, rtol=1e-6)
+
+
+WHITE = SimpleNamespace(  # and matt; what bounces is as bright as the light
+    alpha2=np.float32(0.1),
+    mirrors=False,
+    features=lambda points: (points.position, np.ones_like(points.position)),
+    lamps=lambda directions: directions,
+    reflected=lambda points, features, row, *_: (np.ones((len(row), 3)), np.zeros((len(row), 3))),
+    bounced=lambda points, features, light, lamps, irradiance: irradiance[:, None] * np.ones(3),
+)
+
+
+def white(surface: Surface) -> CompiledRenderer:
+    renderer = drawn_visionnet(surface, resolution=8)._rendering()
+    renderer._network = WHITE
+    return renderer
+
+
+def matt_radiance(
+    renderer: CompiledRenderer, face: np.ndarray, barycentric: np.ndarray, sky: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pi times the radiance (n,) of points, what bounces to them, and their normals (n, 3)."""
+    points = renderer._surface.points(face, barycentric, -renderer._surface.facets[face])
+    rows, columns = np.divmod(np.arange(len(face)), 4)
+    cast = Cast(columns, rows, np.zeros_like(rows), np.ones_like(rows))
+    around = Surroundings(renderer._surface, WHITE, Environment.of(sky))
+    matt = around.shown(points, around.gathered(points, cast, bounces=False), cast, 1, WHITE.alpha2)[0]
+    cast = Cast(0 * rows, 0 * rows, 0 * rows, np.ones_like(rows))  # all ask the same lights
+    return matt[:, 0], around.gathered(points, cast).bounced[:, 0], points.normal
+
+
+def half_bright(axis: int, sign: int) -> np.ndarray:
+    return np.repeat(sign * pixel_directions(32)[0][..., [axis]] >= 0, 3, axis=2).astype(float)
+
+
+@pytest.mark.parametrize(("sky", "share", "behind"), [
+    (np.ones((32, 64, 3)), 1.0, True), (half_bright(0, 1), 0.5, False), (half_bright(0, -1), 0.5, True),
+], ids=["furnace", "before", "behind"])  # fmt: skip
+def test_a_wall_hides_the_light_behind_it(sky: np.ndarray, share: float, behind: bool) -> None:
+    """By the view factor of a rectangle from a plane at its foot (Howell's catalogue, B-4)."""
+    surface = joined(box((0, -0.5, -0.1), (1, 0.5, 0)), box((-0.1, -0.5, -0.1), (0, 0.5, 0.9)))
+    distance, height, half = 0.05, 0.9, 0.5
+    found = surface.closest_points(np.tile([distance, 0.0, 0.0], (16, 1)))
+    far = np.hypot(height, distance)
+    wall = (np.arctan(half / distance) - distance / far * np.arctan(half / far)) / np.pi
+    matt, _, _ = matt_radiance(white(surface), found.face, found.barycentric, sky)
+    # The irradiance of a plane that looks along a pole of the map is that of one 3 degrees off.
+    assert matt.mean() == pytest.approx(np.pi * (share - behind * wall), abs=0.1)
+
+
+def test_a_white_ball_is_as_bright_as_the_half_of_the_sky_that_it_faces() -> None:
+    renderer = white(Surface(*sphere()))
+    count = len(renderer._surface.facets)
+    middle = np.full((count, 3), 1 / 3)
+    matt, bounced, normal = matt_radiance(renderer, np.arange(count), middle, half_bright(2, 1))
+    np.testing.assert_allclose(matt, np.pi * (1 + normal[:, 2]) / 2, atol=0.15)
+    # A lamp lights a ball by a quarter of what it sends, wherever it stands.
+    assert bounced.mean() == pytest.approx(2 * np.pi / 4, rel=0.05)
+
+
+def test_a_picture_of_a_white_body_is_in_the_unit_of_its_sky() -> None:
+    renderer = white(cube().surface)
+    renderer._network = SimpleNamespace(**{**vars(WHITE), "bounced": lambda *_: 0.0})
+    image = renderer.surrounded(CAMERAS[0], Environment.of(half_bright(2, 1)), (24, 24), 39.6, 4)
+    apart = np.abs(image[image[..., 3] == 1, :1] - [0.5, 1.0])
+    assert (apart.min(axis=1) < 0.03).mean() > 0.9
+    assert ((apart < 0.03).sum(axis=0) > 20).all()
 
 
 def test_what_is_no_light_is_refused(net: VisionNet, subtests: pytest.Subtests) -> None:
