@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from objectfolder.audio.elements.curving import GEOMETRY_ORDER
 from objectfolder.audio.elements.elasticity import ElementMatrices, gains_of_more_functions
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.eigen import Eigenpairs, Pencil, count_below, improve, low_shift, lowest_elastic
+from objectfolder.audio.modes.eigen import Eigenpairs, Pencil, count_below, low_shift, lowest_elastic
+from objectfolder.audio.modes.inverse_iteration import improve
 from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum
 from objectfolder.errors import UnsolvableError

@@ -14,13 +14,13 @@ from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
+from objectfolder.audio.modes.geometry_error import geometry_error_cents, shape_warnings, volume_error
 from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.filling import Filling, fill
-from objectfolder.solid.redundant_vertices import TOLERANCE
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
 
@@ -29,9 +29,6 @@ Floats = NDArray[np.float64]
 CANONICAL_POINTS = 2000
 # Added to the seed for held-out points.
 HELD_OUT = 1_000_003
-# Share of the mean distance between surface and elements that moves a frequency as a thicker wall does: with
-# it 95 % of the modes of bars, plates and bodies of revolution have no larger error than is stated.
-OFF_SURFACE = 0.08
 NO_TRANSFER, MULTIPOLE = "none", "multipole"
 # Of the band, unless others are asked for.
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 256
@@ -40,7 +37,6 @@ ACCURACY_CENTS, HIGHEST_ORDER, MAX_UNKNOWNS = 5.0, 5, 180_000
 # The error is estimated by comparing with a lower order, of which 2 is the lowest.
 ORDERS = range(3, HIGHEST_ORDER + 1)
 TIME_LIMIT_S, MEMORY_LIMIT_GB = 600.0, 3.0
-OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface are warned of
 
 
 def simulate_modes(
@@ -207,7 +203,7 @@ def modes_of_solid(
     attributes["max_frequency_hz"] = float(max_frequency_hz)
     attributes["count_certificate"].update(_near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
     attributes.update(_wish(accuracy_cents, attributes["error_estimate_cents"]))
-    attributes["warnings"] += _shape_warnings(solid.report)
+    attributes["warnings"] += shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
     air = _cpu_seconds()
     if transfer == MULTIPOLE:
@@ -269,13 +265,13 @@ def _read(
     }
     attributes: dict[str, Any] = {
         **_spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
-        "geometry_error_estimate_cents": _geometry_error_cents(solid, volume_m3, distance, wall_m),
+        "geometry_error_estimate_cents": geometry_error_cents(solid, volume_m3, distance, wall_m),
         "discretisation": {
             "elements": len(solid.tetrahedra),
             "unknowns": spectrum.unknowns,
             "steps": spectrum.steps,
             **solid.report,
-            **_volume_error(solid, volume_m3),
+            **volume_error(solid, volume_m3),
         },
         "volume_m3": volume_m3,
         **_rigid(solid, material.density_kg_m3 * volume_m3),
@@ -389,46 +385,6 @@ def _wish(accuracy_cents: float, estimated: float | None) -> dict[str, Any]:
         "accuracy_reached": None if estimated is None else not missed,
         "warnings": [said] if missed else [],
     }
-
-
-def _shape_warnings(report: dict[str, Any]) -> list[str]:
-    """What is doubtful of the solid that stands for the surface."""
-    found = [f"the solid that rings is doubtful: {doubt}" for doubt in report.get("doubts", ())]
-    share = report.get("closing_share", 0.0)
-    if share > OPEN_SHARE:
-        found.append(
-            f"{share:.0%} of the solid's outside closes openings of the surface: it rings as if it were "
-            "filled. State wall_m if it is a sheet, shell_m if it is a container"
-        )
-    return found
-
-
-def _volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:
-    """That of the bent elements, against what the surface encloses; the report's is of straight ones."""
-    straight = solid.report.get("volume_error")
-    if straight is None:
-        return {}
-    return {
-        "volume_error": (1 + straight) * volume_m3 / solid.volume_m3 - 1,
-        "volume_error_of_straight_elements": straight,
-    }
-
-
-def _geometry_error_cents(solid: Solid, volume_m3: float, distance: Floats, wall_m: float) -> float | None:
-    """What walls of another thickness do to a bending mode, in cents; None without a volume.
-
-    A plate's or a shell's bending frequencies are proportional to its thickness. Walls are thicker or thinner
-    by the error of the volume, and here and there by the `distance` (n,) of points of the surface from the
-    boundary of the elements, of which `OFF_SURFACE` does not average out. Both sides of a wall are known to
-    `TOLERANCE` of the longest side: noise of that size is another body. `error_estimates_cents` know nothing
-    of it: they are of the elements, whatever shape these were given.
-    """
-    error = _volume_error(solid, volume_m3).get("volume_error")
-    if error is None:
-        return None
-    uneven = OFF_SURFACE * float(distance.mean()) if len(distance) else 0.0
-    noise = 2 * TOLERANCE * float(np.ptp(solid.vertices, axis=0).max())
-    return float(1200 * (abs(np.log2(1 + error)) + np.log2(1 + (uneven + noise) / wall_m)))
 
 
 def _cpu_seconds() -> float:

@@ -18,9 +18,9 @@ from objectfolder.audio.modes.eigen import (
     count_below,
     low_shift,
     lowest_elastic,
-    refine,
     rigid_motions,
 )
+from objectfolder.audio.modes.inverse_iteration import refine
 from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.errors import UnsolvableError
 from objectfolder.solid.solid import Solid
