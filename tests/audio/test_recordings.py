@@ -11,7 +11,7 @@ from structured_solids import box, material
 
 from objectfolder.audio.recordings.body import SolvedBody, body_of_solid
 from objectfolder.audio.recordings.decay_law import power_law
-from objectfolder.audio.recordings.fitting import SoundFit, fit_body, fitted_material
+from objectfolder.audio.recordings.fitting import SoundFit, fit_body, fitted_material, partials_near_modes
 from objectfolder.audio.recordings.matching import match
 from objectfolder.audio.recordings.partials import Partials, partials_of, partials_over
 from objectfolder.audio.recordings.recording import Recording, read_recording, recording_of
@@ -67,7 +67,8 @@ def bar_recording(truth: np.ndarray, seed: int) -> Recording:
 
 @pytest.fixture(scope="module")
 def partials(truth: np.ndarray) -> Partials:
-    return partials_over([partials_of(bar_recording(truth, seed), LIMIT_HZ) for seed in (1, 2)])
+    recordings = [bar_recording(truth, seed) for seed in (1, 2)]
+    return partials_over(recordings, [partials_of(each, LIMIT_HZ) for each in recordings], LIMIT_HZ)
 
 
 @pytest.mark.slow
@@ -125,6 +126,13 @@ def test_another_object_is_named_with_what_random_partials_reach(body: SolvedBod
     other = exact(np.sort(np.random.default_rng(3).uniform(600, LIMIT_HZ, 12)))
     with pytest.raises(InputError, match=r"of 12 partials .* random partials reach \d+%"):
         fit_body(other, body, recordings=1, fit_wall=True)
+
+
+def test_partials_of_another_object_are_near_few_modes_of_a_fit(body: SolvedBody, partials: Partials) -> None:
+    fit = fit_body(partials, body, recordings=2, fit_wall=True)
+    other = exact(np.sort(np.random.default_rng(3).uniform(600, LIMIT_HZ, 12)))
+    assert partials_near_modes(partials, fit) == len(partials) - 1
+    assert partials_near_modes(other, fit) < 4
 
 
 def test_one_partial_of_a_pair_stands_for_both() -> None:

@@ -137,6 +137,12 @@ def fit_body(
     )
 
 
+def partials_near_modes(partials: Partials, fit: SoundFit) -> int:
+    """Number of partials within `LEAST_ALONE_CENTS` of a mode of a fit: few are of another object."""
+    apart = CENTS * np.abs(np.log(partials.frequencies_hz[:, None] / fit.modes_hz)).min(axis=1)
+    return int(np.count_nonzero(apart < LEAST_ALONE_CENTS))
+
+
 def fitted_material(
     fit: SoundFit, body: SolvedBody, name: str, citation: str, mass_kg: float | None = None
 ) -> dict[str, str]:

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 from threadpoolctl import threadpool_limits
 
 from objectfolder.audio.recordings.bands import bands
 from objectfolder.audio.recordings.decay_law import power_law
-from objectfolder.audio.recordings.poles import heard_samples, poles
+from objectfolder.audio.recordings.poles import poles
 from objectfolder.audio.recordings.recording import Recording
 
 Floats = NDArray[np.float64]
@@ -74,12 +75,57 @@ def partials_of(recording: Recording, max_frequency_hz: float = MAX_FREQUENCY_HZ
     Each band's decay is read from each of `STARTS_S`. A partial is found from `LEAST_STARTS` of these at
     least; its frequency and decay are the medians.
     """
+    frequencies, decays, level, fall = _stable_poles([recording], max_frequency_hz).T
+    count, zeros = np.ones(len(frequencies), dtype=np.int64), np.zeros(len(frequencies))
+    return Partials(frequencies, decays, level, fall, count, zeros, zeros)
+
+
+def partials_over(
+    recordings: Sequence[Recording], own: Sequence[Partials], max_frequency_hz: float = MAX_FREQUENCY_HZ
+) -> Partials:
+    """Find the partials that several recordings of one object have in common; see `poles`.
+
+    Parameters
+    ----------
+    own
+        The partials of each recording alone, which tell in how many a partial is found, and their spread.
+    """
+    table = _stable_poles(recordings, max_frequency_hz)
+    count = np.zeros(len(table), dtype=np.int64)
+    low = np.full((len(table), 2), np.inf)
+    high = -low
+    for partials in own:
+        rows = np.column_stack([partials.frequencies_hz, partials.decays_per_s])
+        for index, row in enumerate(table):
+            alike = rows[_alike(rows, row, SAME_DECAY_BETWEEN_RECORDINGS)]
+            if len(alike):
+                nearest = alike[np.abs(alike[:, 0] - row[0]).argmin()]
+                low[index], high[index] = np.minimum(low[index], nearest), np.maximum(high[index], nearest)
+                count[index] += 1
+    spread = np.where(count[:, None] > 0, high - low, 0.0)
+    # What only all recordings together show is in each of them.
+    count[count == 0] = len(recordings)
+    frequencies, decays, level, fall = table.T
+    return Partials(frequencies, decays, level, fall, count, spread[:, 0], spread[:, 1])
+
+
+def _stable_poles(recordings: Sequence[Recording], max_frequency_hz: float) -> Floats:
+    """Frequency, decay, level and fall (p, 4) of what is found from several moments of all recordings."""
+    rate_hz = min(recording.sample_rate_hz for recording in recordings)
+    split = [
+        bands(
+            _at_rate(each.decay, each.sample_rate_hz, rate_hz),
+            _at_rate(each.silence, each.sample_rate_hz, rate_hz),
+            rate_hz,
+            max_frequency_hz,
+        )
+        for each in recordings
+    ]
     rows = []
     with threadpool_limits(1):  # matrices are small: more threads wait for one another
-        for band in bands(recording.decay, recording.silence, recording.sample_rate_hz, max_frequency_hz):
-            last = heard_samples(band)
+        for channels in zip(*split, strict=True):
             for number, seconds in enumerate(STARTS_S):
-                rows += [(*pole, number) for pole in poles(band, round(seconds * band.rate_hz), last)]
+                rows += [(*pole, number) for pole in poles(channels, round(seconds * channels[0].rate_hz))]
     exponentials = np.array(rows).reshape(-1, 4)
     free, chosen = np.ones(len(exponentials), dtype=bool), []
     for index in np.argsort(-exponentials[:, 2]):
@@ -97,47 +143,18 @@ def partials_of(recording: Recording, max_frequency_hz: float = MAX_FREQUENCY_HZ
     partials = partials[partials[:, 0] <= max_frequency_hz]
     partials = partials[~_shadows(partials)]
     partials = partials[~_of_contact(partials)]
-    frequencies, decays, level = partials.T
-    seconds = len(recording.decay) / recording.sample_rate_hz
-    zeros = np.zeros(len(partials))
-    fall = 20 / np.log(10) * decays * seconds
-    return Partials(frequencies, decays, level, fall, np.ones(len(partials), dtype=np.int64), zeros, zeros)
+    if len(partials) >= FEWEST_FOR_TREND:
+        off = np.log(partials[:, 1]) - np.log(_by_trend(partials[:, 0], partials[:, 1]))
+        partials = partials[np.abs(off) < np.log(TREND_FACTOR)]
+    seconds = max(len(recording.decay) / recording.sample_rate_hz for recording in recordings)
+    return np.column_stack([partials, 20 / np.log(10) * partials[:, 1] * seconds])
 
 
-def partials_over(recordings: Sequence[Partials]) -> Partials:
-    """Join the partials of several recordings of one object.
-
-    The strongest of all is joined with the nearest like it of each other recording, then the next. Means are
-    weighted by amplitude: the recording in which a partial is strongest knows it best.
-    """
-    every = np.concatenate(
-        [
-            np.column_stack(
-                [each.frequencies_hz, each.decays_per_s, each.level_db, each.fall_db, np.full(len(each), i)]
-            )
-            for i, each in enumerate(recordings)
-        ]
-    )
-    free, joined = np.ones(len(every), dtype=bool), []
-    for index in np.argsort(-every[:, 2]):
-        if not free[index]:
-            continue
-        alike = np.nonzero(free & _alike(every, every[index], SAME_DECAY_BETWEEN_RECORDINGS))[0]
-        nearest = alike[np.argsort(np.abs(every[alike, 0] - every[index, 0]))]
-        own = nearest[np.unique(every[nearest, 4], return_index=True)[1]]
-        free[own] = False
-        group = every[own]
-        weight = 10 ** ((group[:, 2] - group[:, 2].max()) / 20)
-        frequency = float(np.average(group[:, 0], weights=weight))
-        decay = float(np.exp(np.average(np.log(group[:, 1]), weights=weight)))
-        spread = np.ptp(group[:, :2], axis=0)
-        joined.append((frequency, decay, group[:, 2].max(), group[:, 3].max(), len(own), *spread))
-    table = np.array(sorted(joined)).reshape(-1, 7)
-    if len(table) >= FEWEST_FOR_TREND:
-        off = np.log(table[:, 1]) - np.log(_by_trend(table[:, 0], table[:, 1]))
-        table = table[np.abs(off) < np.log(TREND_FACTOR)]
-    frequencies, decays, level, fall, count, apart, spread_of_decay = table.T
-    return Partials(frequencies, decays, level, fall, count.astype(np.int64), apart, spread_of_decay)
+def _at_rate(samples: Floats, own_hz: float, rate_hz: float) -> Floats:
+    """Samples at a lower rate."""
+    if own_hz == rate_hz or not len(samples):
+        return samples
+    return np.asarray(signal.resample_poly(samples, round(rate_hz), round(own_hz)))
 
 
 def _by_trend(frequencies_hz: Floats, decays_per_s: Floats) -> Floats:

@@ -6,6 +6,8 @@ a sample later each of these is only multiplied by its pole. Two that beat are t
 near their frequencies are: the noise limits that, and not the length of a window.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
@@ -30,21 +32,38 @@ def heard_samples(band: Band) -> int:
     return int(silent[0]) if len(silent) else len(power)
 
 
-def poles(band: Band, first: int, last: int) -> Floats:
-    """Exponentials in the samples `first` to `last` of a band's decay.
+def poles(channels: Sequence[Band], first: int) -> Floats:
+    """Exponentials that recordings of one object have in common, from the sample `first` of each on.
+
+    Each recording is a channel. Frequencies and decays are the object's, and the same in all; amplitudes are
+    not. Of a pair that beats one strike moves mainly one mode and another strike the other, so that together
+    they tell the two apart. A channel weighs as it stands above its noise.
+
+    Parameters
+    ----------
+    channels
+        The same band of each recording, of one rate.
 
     Returns
     -------
-    (pole, 3) : frequency (Hz), decay rate (1/s) and energy over the noise's power, where noise is known, of
-        those within the band
+    (pole, 3) : frequency (Hz), decay rate (1/s) and largest energy over the noise's power, where noise is
+        known, of those within the band
     """
-    samples = band.decay[first : min(last, first + round(LONGEST_S * band.rate_hz))]
-    if len(samples) < FEWEST_SAMPLES:
+    noises = [band.noise for band in channels if band.noise]
+    noise = float(np.mean(noises)) if noises else 1.0
+    decays = []
+    for band in channels:
+        last = min(heard_samples(band), first + round(LONGEST_S * band.rate_hz))
+        if last - first >= FEWEST_SAMPLES:
+            decays.append(band.decay[first:last] / np.sqrt(band.noise or noise))
+    if not decays:
         return np.zeros((0, 3))
-    rows = min(len(samples) // 3, MOST_ROWS)
-    hankel = linalg.hankel(samples[:rows], samples[rows - 1 :])
+    rows = min(max(len(samples) for samples in decays) // 3, MOST_ROWS)
+    decays = [samples for samples in decays if len(samples) > rows + rows // 2]
+    spans = [linalg.hankel(samples[:rows], samples[rows - 1 :]) for samples in decays]
+    hankel = np.concatenate(spans, axis=1)
     values, vectors = linalg.eigh(hankel @ hankel.conj().T)
-    of_noise = band.noise * (np.sqrt(rows) + np.sqrt(hankel.shape[1])) ** 2
+    of_noise = bool(noises) * (np.sqrt(rows) + np.sqrt(hankel.shape[1])) ** 2
     order = int(np.count_nonzero(values > max(ABOVE_NOISE * of_noise, SHARE * values[-1])))
     order = min(order, rows - 2)
     if order == 0:
@@ -53,11 +72,15 @@ def poles(band: Band, first: int, last: int) -> Floats:
     turned, *_ = linalg.lstsq(space[:-1], space[1:])
     roots: Complexes = np.asarray(linalg.eigvals(turned), dtype=np.complex128)
     roots = roots[(np.abs(roots) < 1) & (np.abs(roots) > 0)]
-    offset_hz = np.angle(roots) * band.rate_hz / (2 * np.pi)
+    offset_hz = np.angle(roots) * channels[0].rate_hz / (2 * np.pi)
+    decay_rates = -np.log(np.abs(roots)) * channels[0].rate_hz
+    inside = np.abs(offset_hz) <= channels[0].width_hz / 2
+    energy = np.max([_energies(samples, roots) for samples in decays], axis=0)
+    return np.column_stack([channels[0].centre_hz + offset_hz, decay_rates, energy])[inside]
+
+
+def _energies(samples: Complexes, roots: Complexes) -> Floats:
+    """Energies (pole,) of exponentials in samples."""
     powers = np.exp(np.outer(np.arange(len(samples)), np.log(roots)))
     amplitudes, *_ = linalg.lstsq(powers, samples)
-    energy = np.abs(amplitudes) ** 2 * (np.abs(powers) ** 2).sum(axis=0)
-    decays = -np.log(np.abs(roots)) * band.rate_hz
-    inside = np.abs(offset_hz) <= band.width_hz / 2
-    unit = band.noise or 1.0
-    return np.column_stack([band.centre_hz + offset_hz, decays, energy / unit])[inside]
+    return np.asarray(np.abs(amplitudes) ** 2 * (np.abs(powers) ** 2).sum(axis=0))

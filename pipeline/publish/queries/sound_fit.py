@@ -45,14 +45,20 @@ def fit_sounds(
         raise InputError("--material", "not given", f"Begin from one of {', '.join(sorted(materials))}.")
     material = find_material(materials, request.material, str(request.materials))
     from objectfolder.audio.recordings.body import solve_body
-    from objectfolder.audio.recordings.fitting import fit_body, fitted_material
+    from objectfolder.audio.recordings.fitting import (
+        FEWEST_SHARE,
+        LEAST_ALONE_CENTS,
+        fit_body,
+        fitted_material,
+        partials_near_modes,
+    )
     from objectfolder.audio.recordings.partials import partials_of, partials_over
     from objectfolder.audio.recordings.recording import read_recording
     from objectfolder.mesh.ingest import ingest_object
     from objectfolder.mesh.mesh import textured_mesh_of
 
     started = time.process_time()
-    recordings, names, warnings = [], [], []
+    recordings, own, names, warnings = [], [], [], []
     for path in paths:
         show(f"finding the partials of {path}")
         try:
@@ -69,11 +75,12 @@ def fit_sounds(
                 f"{short} of {len(partials)} partials have fallen by less than 10 dB (least: "
                 f"{partials.fall_db.min():.0f}): their decays are not used"
             )
-        recordings.append(partials)
+        recordings.append(recording)
+        own.append(partials)
         names.append(recording.name)
     if not recordings:
         raise InputError("recordings", "; ".join(warnings), "Give one that can be used.")
-    partials = partials_over(recordings)
+    partials = own[0] if len(own) == 1 else partials_over(recordings, own, request.max_frequency_hz)
     seconds = {"recordings": time.process_time() - started}
     if not len(partials):
         raise InputError("recordings", "no partial in them", "Strike harder, or record nearer.")
@@ -99,6 +106,13 @@ def fit_sounds(
         "derivatives": body.derivatives_s,
         "fit": time.process_time() - fitting,
     }
+    for name, partials_of_one in zip(names, own, strict=True):
+        near = partials_near_modes(partials_of_one, fit)
+        if near < FEWEST_SHARE * len(partials_of_one):
+            warnings.append(
+                f"{name}: {near} of {len(partials_of_one)} partials are within {LEAST_ALONE_CENTS:.0f} cents "
+                "of a mode of the fit: is it of another object?"
+            )
     if fit.decay is None:
         warnings.append(
             "too few decays are long enough to be measured: the material gets no loss factor of its own"
