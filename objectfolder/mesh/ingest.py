@@ -124,7 +124,7 @@ def _measured(
         "solid": {"meaningful": walls.closed, **solid.to_dict()},
         "wall_thickness": walls.thickness(),
         "normals_of_source": 0.0 if mesh.normals is None else float(mesh.normals.any(axis=2).mean()),
-        "warnings": warnings + _warnings(report, topology, walls.closed) + doubts,
+        "warnings": warnings + list(mesh.remarks) + _warnings(report, topology, walls.closed) + doubts,
         "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
     }
 

@@ -60,6 +60,8 @@ class TexturedMesh:
     normal_maps
         By index of a texture: (h, w, 3) uint8 image on the same coordinates, row 0 on top, of normals in the
         tangent space of MikkTSpace, -1..1 as 0..255, green along v up (OpenGL).
+    remarks
+        What a reader took otherwise than the file says it, or left out, and it shows: sentences.
     """
 
     vertices: np.ndarray
@@ -72,6 +74,7 @@ class TexturedMesh:
     roughness_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
     metallic_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
     normal_maps: Mapping[int, np.ndarray] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.faces)

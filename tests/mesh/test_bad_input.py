@@ -238,15 +238,15 @@ def test_mesh_of_an_unknown_format(tmp_path):
 
 def test_obj_line_that_cannot_be_read(subtests, tmp_path):
     for line, finding in [
-        ("f 1 2 9", "vertex 9 of 3 defined so far"),
-        ("f 1 2 0", "vertex 0 of 3"),
+        ("f 1 2 9", "vertex 9 of 3"),
+        ("f 1 3 0", "vertex 0 of 3, and others count from 1"),
         ("f 1 2", "three corners"),
         ("v 1 two 3", "could not convert"),
-        ("f 1/1 2/1 3/1", "texture coordinate 1 of 0"),
+        ("vt 0 0\nf 1/1 2/1 3/2", "texture coordinate 2 of 1"),
     ]:
         with subtests.test(line=line):
             path = tmp_path / "model.obj"
             path.write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{line}\n")
             problem = refused(path)
-            assert "model.obj line 4" in problem.where
+            assert f"model.obj line {4 + line.count(chr(10))}" in problem.where
             assert finding in problem.finding

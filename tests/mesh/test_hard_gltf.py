@@ -214,7 +214,7 @@ def colours_of_vertices(writer: GltfWriter, primitive: dict[str, Any]) -> None:
 
 def glossy(writer: GltfWriter, primitive: dict[str, Any]) -> None:
     texture = writer.header["materials"][0].pop("pbrMetallicRoughness")["baseColorTexture"]
-    said = {"diffuseTexture": texture, "glossinessFactor": 0.2, "specularFactor": [0, 0, 0]}
+    said = {"diffuseTexture": texture, "glossinessFactor": 0.2, "specularFactor": [0.04, 0.04, 0.04]}
     writer.header["materials"][0]["extensions"] = {"KHR_materials_pbrSpecularGlossiness": said}
     writer.needs("KHR_materials_pbrSpecularGlossiness", used_only=True)
 

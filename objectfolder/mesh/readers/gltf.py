@@ -1,6 +1,7 @@
 """glTF and GLB: all nodes of a scene as one textured mesh, and which meshes they show, and where."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,6 +18,7 @@ from objectfolder.mesh.readers.files import (
 )
 from objectfolder.mesh.readers.gltf_file import (
     KINDS,
+    VISIBILITY,
     Gltf,
     Json,
     Primitive,
@@ -76,7 +78,7 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     joined = _joined(parts)
     refuse_unusable(path, joined.vertices)
     refuse_coarse(path, joined.vertices, step)
-    return joined
+    return replace(joined, remarks=tuple(file.remarks))
 
 
 def _parts(file: Gltf, with_textures: bool) -> tuple[list[TexturedMesh], float]:
@@ -266,6 +268,9 @@ def placed_meshes(file: Gltf) -> Iterator[tuple[np.ndarray, Json]]:
             raise ValueError(f"node {index} is reached twice, and nodes form a tree")
         seen.add(index)
         node = file.entry("nodes", index)
+        if extensions(node).get(VISIBILITY, {}).get("visible") is False:
+            file.remark("it has hidden nodes, which are left out with what is below them")
+            continue
         transform = around @ _local_transform(node)
         if "mesh" in node:
             mesh = file.entry("meshes", node["mesh"])

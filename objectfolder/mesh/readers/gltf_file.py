@@ -26,8 +26,11 @@ DRACO = "KHR_draco_mesh_compression"
 TEXTURE_TRANSFORM = "KHR_texture_transform"
 WEBP = "EXT_texture_webp"
 GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
-_SUPPORTED = (DRACO, TEXTURE_TRANSFORM, WEBP, "KHR_mesh_quantization")
-_HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp")
+_SUPPORTED = (DRACO, TEXTURE_TRANSFORM, WEBP, "KHR_mesh_quantization", "KHR_node_visibility", GLOSSINESS)
+VISIBILITY = "KHR_node_visibility"
+_HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_pointer")
+_SEEN = ("KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission")
+"""Of the materials' extensions, those that let light through: glass is drawn opaque."""
 _REMEDIES = {
     "EXT_meshopt_compression": "Export it without meshopt compression, or with Draco",
     "KHR_meshopt_compression": "Export it without meshopt compression, or with Draco",
@@ -62,6 +65,12 @@ class Gltf:
         self.header = header
         self._chunk = chunk
         self._buffers: dict[int, bytes] = {}
+        self.remarks: list[str] = []
+
+    def remark(self, text: str) -> None:
+        """Note, once, what is read otherwise than the file says it, or left out, and shows."""
+        if text not in self.remarks:
+            self.remarks.append(text)
 
     def entry(self, kind: str, index: Any) -> Json:
         """Return one entry of a list of the file; ValueError where there is none."""
@@ -152,7 +161,25 @@ def read_gltf_file(path: Path) -> Gltf:
     foreign = [name for name in required if name not in _SUPPORTED and not name.startswith(_HARMLESS)]
     if foreign:
         raise _unsupported(path, foreign)
-    return Gltf(path, header, chunk)
+    file = Gltf(path, header, chunk)
+    if ignored := ignored_extensions(header.get("extensionsUsed", []), required):
+        file.remark(f"it uses glTF extensions that are not read: {', '.join(ignored)}")
+    return file
+
+
+def ignored_extensions(used: Any, required: Sequence[str]) -> list[str]:
+    """Return, of the extensions that a file uses, those that change what is seen and are not read.
+
+    Not those of materials that leave the base colour as it is, of lights and of descriptions; what has a
+    fallback is refused elsewhere where it has none.
+    """
+    names = used if isinstance(used, list) else []
+    harmless = (*_SUPPORTED, *_REMEDIES, *required)
+    return sorted(
+        shortened(name)[1:-1]
+        for name in {name for name in names if isinstance(name, str)}
+        if name not in harmless and (name in _SEEN or not name.startswith(_HARMLESS))
+    )
 
 
 def gltf_files(path: Path, *, with_images: bool) -> list[Path]:

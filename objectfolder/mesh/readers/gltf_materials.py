@@ -22,14 +22,28 @@ from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.textures import (
     TextureReader,
     opaque,
+    resized,
     scaled_map,
     scaled_normals,
+    srgb_decode,
+    srgb_encode,
     tint,
     uniform_map,
     uniform_texture,
 )
 
 NORMALS = "normalTexture"
+
+EMISSION = "emissiveTexture"
+
+_BLACK = 0.002
+"""A factor of the base colour, scene-linear, that is nowhere brighter comes out black."""
+
+_DIELECTRIC = 0.04
+"""What all that is no metal reflects."""
+
+_BRIGHTNESS = np.array([0.299, 0.587, 0.114])
+"""Weights of squared red, green and blue in brightness as it is perceived."""
 
 REPEAT = 10497
 """The only value of a sampler's `wrapS` and `wrapT` that textures here have."""
@@ -101,12 +115,15 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     `metallicRoughnessTexture`, each times its factor; a factor that is written counts without a texture, and
     where neither is, the object's material has its say rather than glTF's default, a rough metal. Normals
     are those of `normalTexture`, its `scale` applied. Of
-    KHR_materials_pbrSpecularGlossiness the diffuse colour is the base colour and what is not glossy is rough.
+    KHR_materials_pbrSpecularGlossiness diffuse and specular colours become base colour and metallic as
+    Khronos converts them, and what is not glossy is rough. Where the base colour is black and has no picture,
+    that of `emissiveTexture` shows in its place, and the file's remarks say so.
 
     Raises
     ------
     InputError
-        A texture that is missing, broken, or on other coordinates than the base colour.
+        A texture that is missing, broken, or on other coordinates than the base colour; a material that is
+        wholly transparent.
     ValueError, KeyError, TypeError
         The material is not as glTF has it.
     """
@@ -116,6 +133,16 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     parts = material.get("pbrMetallicRoughness", {}) if glossy is None else glossy
     keys = _GLOSSY_KEYS if glossy is not None else _METALLIC_KEYS
     base, placement = _image(file, parts, keys.base, name, reader)
+    factor = np.array(numbers(parts.get(keys.factor, [1, 1, 1, 1]), 4, 0, 1))
+    if EMISSION in material:
+        if base is None and float(factor[:3].max()) <= _BLACK:
+            base, placement = _image(file, material, EMISSION, name, reader)
+            factor[:3] = 1.0
+            file.remark(f"{EMISSION} of material {name} is taken for its base colour, which is black")
+        else:
+            file.remark(f"{EMISSION} of material {name} is not used: bake it into the base colour")
+    elif base is not None and float(factor[:3].max()) <= _BLACK:
+        file.remark(f"{keys.factor} of material {name} makes its picture black")
     layers, layers_placement = _image(file, parts, keys.layers, name, reader)
     bumps, bumps_placement = _image(file, material, NORMALS, name, reader)
     placed = [
@@ -135,15 +162,20 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
                 "coordinates, or shifted",
                 "Bake both to one set",
             )
-    factor = np.array(numbers(parts.get(keys.factor, [1, 1, 1, 1]), 4, 0, 1))
     texture = tint(uniform_texture(np.ones(4)) if base is None else base, factor)
     mode = material.get("alphaMode", "OPAQUE")
     cutoff = number(material.get("alphaCutoff", 0.5))
     least = int(texture[..., 3].min()) / 255
     if mode == "OPAQUE" or (mode == "MASK" and least >= cutoff):
         texture = opaque(texture)
+    elif not texture[..., 3].any():
+        finding = f"material {name} is wholly transparent ({mode} with an alpha of 0)"
+        raise InputError(str(file.path), finding, "Make it OPAQUE, or leave its faces out")
     if glossy is not None:
-        roughness, metallic = _roughness_of_glossiness(layers, glossy.get("glossinessFactor")), None
+        roughness = _roughness_of_glossiness(layers, glossy.get("glossinessFactor"))
+        texture, metallic = metal_of_gloss(
+            texture, layers, np.array(numbers(glossy.get("specularFactor", [1, 1, 1]), 3, 0, 1))
+        )
     else:
         roughness = _map(layers, 1, parts.get("roughnessFactor"))
         metallic = _map(layers, 2, parts.get("metallicFactor"))
@@ -179,6 +211,49 @@ def _map(layers: np.ndarray | None, channel: int, factor: Any) -> np.ndarray | N
     if layers is not None:
         return scaled_map(layers[..., channel], 1.0 if factor is None else number(factor, 0, 1))
     return None if factor is None else uniform_map(number(factor, 0, 1))
+
+
+def metal_of_gloss(
+    diffuse: np.ndarray, layers: np.ndarray | None, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Base colour and metallic of diffuse and specular colours, as Khronos' conversion has them.
+
+    Metallic is what makes one base colour give both: the root of a quadratic in the colours' brightness.
+
+    Parameters
+    ----------
+    diffuse
+        (h, w, 4) uint8.
+    layers
+        (h, w, 4) uint8 with the specular colour, sRGB-encoded, of any size; None without.
+    factor
+        (3,) scene-linear, that the specular colour is multiplied by.
+
+    Returns
+    -------
+    texture
+        (h, w, 4) uint8, at the larger size of the two.
+    metallic
+        (h, w) uint8; None where nothing is metal.
+    """
+    glossy = uniform_texture(np.ones(4)) if layers is None else layers
+    size = np.maximum(diffuse.shape[:2], glossy.shape[:2])
+    base = resized(diffuse, *size)
+    specular = srgb_decode(resized(glossy, *size)[..., :3] / 255) * factor
+    colour = srgb_decode(base[..., :3] / 255)
+    strongest = specular.max(axis=-1)
+    bright, shine = (np.sqrt(rgb**2 @ _BRIGHTNESS) for rgb in (colour, specular))
+    linear = bright * (1 - strongest) / (1 - _DIELECTRIC) + shine - 2 * _DIELECTRIC
+    root = np.sqrt(np.maximum(linear**2 - 4 * _DIELECTRIC * (_DIELECTRIC - shine), 0))
+    metallic = np.clip((root - linear) / (2 * _DIELECTRIC), 0, 1) * (shine >= _DIELECTRIC)
+    metal = metallic[..., None]
+    of_diffuse = colour * (1 - strongest[..., None]) / (1 - _DIELECTRIC) / np.maximum(1 - metal, 1e-6)
+    of_specular = (specular - _DIELECTRIC * (1 - metal)) / np.maximum(metal, 1e-6)
+    mixed = of_diffuse + (of_specular - of_diffuse) * metal**2
+    result = base.copy()
+    result[..., :3] = np.rint(255 * srgb_encode(mixed))
+    levels = np.rint(255 * metallic).astype(np.uint8)
+    return result, levels if levels.any() else None
 
 
 def _roughness_of_glossiness(layers: np.ndarray | None, factor: Any) -> np.ndarray | None:

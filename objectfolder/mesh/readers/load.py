@@ -10,6 +10,8 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.face_count import refuse_many_faces
+from objectfolder.mesh.readers.file_kinds import conversion, refuse_foreign
 from objectfolder.mesh.readers.files import find_file, is_file
 from objectfolder.mesh.readers.gltf import read_gltf
 from objectfolder.mesh.readers.gltf_file import gltf_files
@@ -71,9 +73,12 @@ def load_mesh(
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         known = ", ".join(MESH_SUFFIXES)
-        raise InputError(
-            str(path), f"{suffix or 'no suffix'!r} is not a known mesh format", f"Use one of {known}"
-        )
+        remedy = f"Use one of {known}"
+        if helps := conversion(path, suffix):
+            remedy += f". {helps}"
+        raise InputError(str(path), f"{suffix or 'no suffix'!r} is not a known mesh format", remedy)
+    refuse_foreign(path)
+    refuse_many_faces(path)
     named_texture = read_texture(Path(texture)) if texture is not None and with_textures else None
     follow_materials = with_textures and named_texture is None
     try:

@@ -1,10 +1,11 @@
 """Wavefront material libraries (.mtl): what each material looks like.
 
 Read are `Kd`, `d`, `Pr`, `Pm` and their maps, and maps of normals: what `norm` or `map_Kn` names, and of
-`bump` and `map_Bump` an image that is plainly no map of heights. Left aside are heights; `Ns`, an exponent
-of another reflection model that exporters fill with defaults; `Tr`, which some write as transparency and
-others as opacity; and `illum`. The alpha channel of `map_Kd` means nothing by itself: textures of scans carry
-one that says nothing of transparency.
+`bump` and `map_Bump` an image that is plainly no map of heights. Where `Kd` is black and has no picture, what
+shows is the picture of `map_Ka` or `map_Ke`, or the reflection `Ks` of a metal, and a remark says so. Left
+aside are heights; `Ns`, an exponent of another reflection model that exporters fill with defaults; and `Tr`,
+which some write as transparency and others as opacity. The alpha channel of `map_Kd` means nothing by itself:
+textures of scans carry one that says nothing of transparency.
 """
 
 from dataclasses import dataclass, field
@@ -38,6 +39,16 @@ _CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
 _NORMALS = {"norm", "map_kn"}
 _BUMPS = {"bump", "map_bump"}
 _SCALARS = {"d": "opacity", "pr": "roughness", "pm": "metallic"}
+_PICTURES = {"map_ka": "ambient", "map_ke": "emission", "map_ks": "reflection"}
+"""Pictures that stand in for one of `map_Kd`, the first first, and what they are of."""
+_GLASS = ("4", "6", "7", "9")
+"""Values of `illum` that ask for glass or refraction."""
+_BLACK = 0.02
+"""A base colour that is nowhere brighter comes out black."""
+_METAL = 0.2
+"""A reflection that is nowhere brighter is that of a plastic."""
+_BRIGHTEST = 2.0
+"""Colours above it are not in 0..1: lights are brighter than 1, surfaces by rounding at most."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +86,14 @@ class ObjMaterial:
         Images of normals, and of heights or normals.
     bump_scale
         Factor of what these add to the surface.
+    pictures
+        Images that are no base colour, by their keyword.
+    reflection
+        `Ks` (3,); None where not written.
+    written
+        Whether any of this was.
+    remarks
+        What was taken otherwise than written.
     """
 
     colour: np.ndarray = field(default_factory=DEFAULT_COLOUR.copy)
@@ -88,19 +107,27 @@ class ObjMaterial:
     normal_map: Path | None = None
     bump_map: Path | None = None
     bump_scale: float = 1.0
+    pictures: dict[str, Path] = field(default_factory=dict)
+    reflection: np.ndarray | None = None
+    glass: bool = False
+    written: bool = False
+    remarks: list[str] = field(default_factory=list)
 
     @property
     def files(self) -> list[Path]:
         """Every image the material names."""
         maps = (self.opacity_map, self.roughness_map, self.metallic_map)
         textures = [file for file in (self.texture, self.normal_map, self.bump_map) if file is not None]
+        textures += self.pictures.values()
         return textures + [scalar.file for scalar in maps if scalar is not None]
 
 
 def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     """Read the materials of one `mtllib` statement of `mesh` (a file name, or several).
 
-    Files are looked for in the folder of the mesh and the one around it, nowhere else.
+    Files are looked for in the folder of the mesh and the one around it, nowhere else. What stands before
+    the first `newmtl` is the material of the empty name. Where a `Kd` is above 2, all of its file are in
+    0..255.
 
     Raises
     ------
@@ -111,14 +138,26 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     materials: dict[str, ObjMaterial] = {}
     for path in library_files(mesh, library):
         current = ObjMaterial()
+        of_file = [current]
         for number, line in enumerate(read_text(path).split("\n"), start=1):
             keyword, *values = line.split("#", 1)[0].split() or [""]
             names_a_file = len(line.split()) > 1
             where = f"{path} line {number}"
             if keyword.lower() == "newmtl":
-                current = materials.setdefault(" ".join(line.split()[1:]), ObjMaterial())
-            elif keyword.lower() == "kd":
+                current = materials.setdefault(unquoted(" ".join(line.split()[1:])), ObjMaterial())
+                of_file.append(current)
+                continue
+            current.written |= bool(keyword)
+            if keyword.lower() == "kd":
                 current.colour = _colour(values, where)
+            elif keyword.lower() == "ks" and all(map(_is_number, values)):
+                current.reflection = _colour(values, where)
+            elif keyword.lower() == "illum":
+                current.glass = values[:1] in [[value] for value in _GLASS]
+            elif keyword.lower() in _PICTURES and names_a_file:
+                # Others than base colours need not be there.
+                if image := _found_texture(mesh, path, _file_name(line.strip(), where, moved=True)):
+                    current.pictures[keyword.lower()] = image
             elif keyword.lower() == "map_kd" and names_a_file:
                 current.texture = _texture_file(mesh, path, line, where)
             elif keyword.lower() in _NORMALS | _BUMPS and names_a_file:
@@ -132,9 +171,65 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
                     f"{name}_map",
                     ScalarMap(_texture_file(mesh, path, line, where), _channel(values)),
                 )
+        _settle(path, of_file)
+        if of_file[0].written:
+            materials.setdefault("", of_file[0])
     for name, material in list(materials.items()):
         materials.setdefault(without_comment(name), material)
     return materials
+
+
+def _settle(path: Path, materials: list[ObjMaterial]) -> None:
+    """Bring the colours of a file to 0..1, and give materials that would come out black what shows of them.
+
+    Raises
+    ------
+    InputError
+        A colour above 255.
+    """
+    most = max(float(material.colour.max()) for material in materials)
+    if most > 255:
+        raise InputError(str(path), f"has a Kd of {most:g}", "Write colours in 0..1, or all in 0..255")
+    for material in materials:
+        if most > _BRIGHTEST:
+            material.colour = material.colour / 255
+            material.remarks.append(
+                f"{path.name} has Kd up to {most:g}: its colours are taken to be in 0..255"
+            )
+        elif float(material.colour.max()) > 1:
+            material.remarks.append(f"{path.name} has Kd up to {most:g}: what is above 1 is cut off")
+        material.colour = np.clip(material.colour, 0, 1)
+        if material.glass and material.opacity is None and material.opacity_map is None:
+            material.remarks.append(
+                f"illum of {path.name} asks for glass, without d: it is drawn opaque; write d 0.3, say"
+            )
+        if material.texture is None:
+            _show(path, material)
+
+
+def _show(path: Path, material: ObjMaterial) -> None:
+    """Take a picture, or the reflection of a metal, in place of a base colour that is absent or black."""
+    black = bool((material.colour <= _BLACK).all())
+    for keyword, kind in _PICTURES.items():
+        if keyword in material.pictures and (black or keyword == "map_ka"):
+            material.texture = material.pictures[keyword]
+            material.remarks.append(
+                f"{path.name} has a picture of {kind} (map_K{keyword[-1]}) and none of the colour (map_Kd): it "
+                "is taken for the colour"
+            )
+            return
+        if keyword == "map_ke" and keyword in material.pictures:
+            material.remarks.append(
+                f"{path.name} has a picture of emission (map_Ke), which is not used: bake it into that of "
+                "the colour (map_Kd)"
+            )
+    reflection = material.reflection
+    if black and reflection is not None and float(np.clip(reflection, 0, 1).max()) > _METAL:
+        material.colour = np.clip(reflection, 0, 1)
+        material.metallic = 1.0 if material.metallic is None else material.metallic
+        material.remarks.append(
+            f"{path.name} has black Kd and bright Ks: a metal, whose reflection is its colour"
+        )
 
 
 def _read_normals(material: ObjMaterial, mesh: Path, library: Path, line: str, where: str) -> None:
@@ -174,8 +269,8 @@ def _channel(values: list[str]) -> int | None:
 def library_files(mesh: Path, library: str) -> list[Path]:
     """Find the files of an `mtllib` statement, whose name may hold spaces or which may list several."""
     listed = list(dict.fromkeys(without_comment(library).split()))[:MOST_LIBRARIES]
-    for names in ([library], [without_comment(library)], listed):
-        paths = [find_file(mesh.parent, [name], within=_outermost(mesh)) for name in names]
+    for names in ([library], [unquoted(without_comment(library))], listed):
+        paths = [find_file(mesh.parent, _places(name), within=_outermost(mesh)) for name in names]
         found = [path for path in paths if path is not None]
         if found and len(found) == len(paths):
             return found
@@ -184,6 +279,12 @@ def library_files(mesh: Path, library: str) -> list[Path]:
         f"names the material library {shortened(library)}, which is not there",
         "Add it beside the mesh, or name a texture for the object, or remove the mtllib line",
     )
+
+
+def _places(name: str) -> list[str]:
+    """Where a material library may be: as written, by its own name beside the mesh, or in usual folders."""
+    base = PureWindowsPath(name).name
+    return [name, base, *(f"{folder}/{base}" for folder in ("materials", "material", "mtl", "textures"))]
 
 
 def _outermost(mesh: Path) -> Path:
@@ -202,11 +303,16 @@ def _colour(values: list[str], where: str) -> np.ndarray:
         raise InputError(
             where, f"Kd {shortened(' '.join(values))} is not a colour", "Write three numbers in 0..1"
         )
-    return np.clip(numbers, 0, 1)
+    return np.maximum(numbers, 0)
 
 
-def _file_name(line: str, where: str) -> str:
-    """The file name of a `map_Kd` line, which may hold spaces and follows the options."""
+def unquoted(name: str) -> str:
+    """Return a name without quotes around it."""
+    return name[1:-1] if len(name) > 2 and name[0] == name[-1] and name[0] in "\"'" else name
+
+
+def _file_name(line: str, where: str, *, moved: bool = False) -> str:
+    """The file name of a `map_Kd` line, which may hold spaces and follows the options; `moved` by these."""
     rest = line.split(maxsplit=1)[1].strip()
     while rest.startswith("-"):
         option, *values = rest.split()
@@ -216,8 +322,8 @@ def _file_name(line: str, where: str) -> str:
         numbers = [
             value for value in values[:count] if option.lower() not in ("-o", "-s", "-t") or _is_number(value)
         ]
-        moved = {"-o": 0.0, "-s": 1.0, "-t": 0.0}.get(option.lower())
-        if moved is not None and any(float(value) != moved for value in numbers):
+        unmoved = {"-o": 0.0, "-s": 1.0, "-t": 0.0}.get(option.lower())
+        if not moved and unmoved is not None and any(float(value) != unmoved for value in numbers):
             raise InputError(
                 where,
                 f"the texture option {option} {brief(' '.join(numbers))} is not supported",
@@ -227,7 +333,7 @@ def _file_name(line: str, where: str) -> str:
         if not after:
             raise InputError(where, "names no texture after its options", "Write the name of an image")
         rest = after[0].strip()
-    return rest
+    return unquoted(rest)
 
 
 def _is_number(text: str) -> bool:
@@ -258,5 +364,5 @@ def _found_texture(mesh: Path, library: Path, written: str) -> Path | None:
     for name in dict.fromkeys([written, without_comment(written)]):
         base = PureWindowsPath(name).name
         # The last is where Google Scanned Objects have it as Fuel serves them.
-        names += [name, base, f"textures/{base}", f"../materials/textures/{base}"]
+        names += [name, base, f"textures/{base}", f"../textures/{base}", f"../materials/textures/{base}"]
     return find_file(library.parent, names, within=_outermost(mesh))

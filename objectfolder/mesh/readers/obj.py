@@ -13,10 +13,12 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.files import brief, read_text, refuse_unusable, shortened, without_comment
 from objectfolder.mesh.readers.material_library import (
+    DEFAULT_COLOUR,
     MOST_LIBRARIES,
     ObjMaterial,
     ScalarMap,
     read_material_library,
+    unquoted,
 )
 from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import (
@@ -31,10 +33,16 @@ from objectfolder.mesh.readers.textures import (
     with_alpha,
 )
 
+_NAMELESS = ("", "none", "null", "(null)", "nil", "default")
+"""What exporters write in `usemtl` for no material."""
+
 
 @dataclass
 class _Statements:
-    """What the lines of an OBJ file say."""
+    """What the lines of an OBJ file say; a polygon before the first `usemtl` has the material None.
+
+    Indices are those of rows, from 0 on, or -1 for none; `lines` has where each polygon stands.
+    """
 
     vertices: list[list[float]] = field(default_factory=list)
     texture_vertices: list[list[float]] = field(default_factory=list)
@@ -42,7 +50,8 @@ class _Statements:
     polygons: list[list[int]] = field(default_factory=list)
     polygon_texture_vertices: list[list[int]] = field(default_factory=list)
     polygon_normals: list[list[int]] = field(default_factory=list)
-    polygon_materials: list[str] = field(default_factory=list)
+    polygon_materials: list[str | None] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
     libraries: list[str] = field(default_factory=list)
 
 
@@ -62,7 +71,9 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     Polygons are cut into triangles (see `polygons.triangulated`). `Kd` is taken as sRGB-encoded and only
     where there is no `map_Kd`; objects and groups are joined. A surface is transparent only where the
     material library says so by `d` below 1 or `map_d`. Colours of vertices are sRGB-encoded too, in 0..1 or
-    0..255.
+    0..255. What readers of OBJ take is taken: faces before vertices, indices of tables that are not there,
+    a 0 for no index, all indices from 0 on where a file has a vertex 0, and the only material of its library
+    where it names none.
 
     Parameters
     ----------
@@ -78,21 +89,22 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     statements = _parse(path)
     if not statements.polygons:
         raise InputError(str(path), "holds no faces", "Use a Wavefront OBJ file with `v` and `f` lines")
-    columns = min(len(row) for row in statements.vertices)
-    numbers = np.array([row[:columns] for row in statements.vertices], dtype=np.float64)
-    vertices = numbers[:, :3].copy()
+    vertices = np.array([row[:3] for row in statements.vertices], dtype=np.float64)
     refuse_unusable(path, vertices)
     triangles = _triangles(path, vertices, statements)
     faces, coordinates = triangles.faces, _corner_coordinates(statements, triangles)
+    remarks: list[str] = []
     if with_textures:
-        materials, of_polygon = _materials(path, statements)
+        materials, of_polygon = _materials(path, statements, remarks)
         face_texture = of_polygon[triangles.polygon]
     else:
         materials, face_texture = [ObjMaterial()], np.zeros(len(faces), dtype=np.int32)
+    remarks += [remark for material in materials for remark in material.remarks]
     reader = TextureReader(str(path))
     textures = tuple(reader.count(_texture(material, reader)) for material in materials)
-    if with_textures and columns >= 6 and all(len(texture) == 1 for texture in textures):
-        colours = _vertex_colours(path, numbers[:, 3:6])[faces]
+    coloured = np.array([len(row) >= 6 for row in statements.vertices])
+    if with_textures and coloured.any() and all(texture.shape[:2] == (1, 1) for texture in textures):
+        colours = _vertex_colours(path, statements.vertices, coloured, remarks)[faces]
         atlas, coordinates = corner_colour_atlas(
             np.concatenate([colours, np.ones((len(faces), 3, 1))], axis=2)
         )
@@ -110,6 +122,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         roughness_maps={index: image for index, image in enumerate(roughness) if image is not None},
         metallic_maps={index: image for index, image in enumerate(metallic) if image is not None},
         normal_maps={index: image for index, image in enumerate(normals) if image is not None},
+        remarks=tuple(dict.fromkeys(remarks)),
     )
 
 
@@ -162,16 +175,24 @@ def _corner_normals(statements: _Statements, triangles: _Triangles) -> np.ndarra
     return np.array([*statements.normals, [0.0, 0.0, 0.0]], dtype=np.float64)[triangles.normals]
 
 
-def _vertex_colours(path: Path, colours: np.ndarray) -> np.ndarray:
-    """(V, 3) in 0..1."""
-    if not (np.isfinite(colours).all() and colours.min() >= 0 and colours.max() <= 255):
+def _vertex_colours(
+    path: Path, rows: list[list[float]], coloured: np.ndarray, remarks: list[str]
+) -> np.ndarray:
+    """(V, 3) in 0..1; the default colour where a vertex has none."""
+    written = np.array([row[3:6] for row in rows if len(row) >= 6])
+    if not (np.isfinite(written).all() and written.min() >= 0 and written.max() <= 255):
         raise InputError(str(path), "has vertex colours outside of 0..1 and 0..255", "Export the mesh again")
-    return colours / 255 if colours.max() > 1 else colours
+    colours = np.tile(DEFAULT_COLOUR, (len(rows), 1))
+    colours[coloured] = written / 255 if written.max() > 1 else written
+    if not coloured.all():
+        bare = np.count_nonzero(~coloured)
+        remarks.append(f"{bare} of {len(rows)} vertices have no colour and are drawn grey")
+    return colours
 
 
 def _parse(path: Path) -> _Statements:
     statements = _Statements()
-    material = ""
+    material: str | None = None
     for number, line in enumerate(_lines(path), start=1):
         keyword, *values = line.split("#", 1)[0].split() or [""]
         try:
@@ -182,18 +203,23 @@ def _parse(path: Path) -> _Statements:
             elif keyword == "vn":
                 statements.normals.append(_floats(values, 3)[:3])
             elif keyword == "f":
-                _append_polygon(statements, values, material)
+                _append_polygon(statements, values, material, number)
             elif keyword == "usemtl":
-                material = " ".join(line.split()[1:])
+                material = unquoted(" ".join(line.split()[1:]))
             elif keyword == "mtllib":
                 statements.libraries.append(line.split(maxsplit=1)[1].strip())
         except (ValueError, IndexError) as problem:
-            raise InputError(
-                f"{path} line {number}",
-                f"cannot be read as Wavefront OBJ ({brief(problem)}): {line[:60]!r}",
-                "Export the mesh again",
-            ) from problem
+            raise _unreadable(path, number, problem, line) from problem
+    _resolve(path, statements)
     return statements
+
+
+def _unreadable(path: Path, number: int, problem: object, line: str) -> InputError:
+    return InputError(
+        f"{path} line {number}",
+        f"cannot be read as Wavefront OBJ ({brief(problem)}): {line[:60]!r}",
+        "Export the mesh again",
+    )
 
 
 def _floats(values: list[str], least: int) -> list[float]:
@@ -202,33 +228,70 @@ def _floats(values: list[str], least: int) -> list[float]:
     return [float(value) for value in values]
 
 
-def _append_polygon(statements: _Statements, corners: list[str], material: str) -> None:
+def _append_polygon(statements: _Statements, corners: list[str], material: str | None, number: int) -> None:
+    """Keep the indices of a face from 1 on, negative ones counted back from the last row so far; 0: none."""
     if len(corners) < 3:
         raise ValueError("a face needs three corners")
     vertex_indices, texture_indices, normal_indices = [], [], []
     for corner in corners:
         parts = corner.split("/")
-        vertex_indices.append(_resolved(int(parts[0]), len(statements.vertices), "vertex"))
         texture, normal = [*parts[1:3], "", ""][:2]
-        # -1 is the last row of a table: NaN for texture coordinates, zero for normals.
-        count = len(statements.texture_vertices)
-        texture_indices.append(_resolved(int(texture), count, "texture coordinate") if texture else -1)
-        normal_indices.append(_resolved(int(normal), len(statements.normals), "normal") if normal else -1)
+        vertex_indices.append(_counted(parts[0], len(statements.vertices), "vertex"))
+        texture_indices.append(
+            _counted(texture or "0", len(statements.texture_vertices), "texture coordinate")
+        )
+        normal_indices.append(_counted(normal or "0", len(statements.normals), "normal"))
     statements.polygons.append(vertex_indices)
     statements.polygon_texture_vertices.append(texture_indices)
     statements.polygon_normals.append(normal_indices)
     statements.polygon_materials.append(material)
+    statements.lines.append(number)
 
 
-def _resolved(index: int, count: int, kind: str) -> int:
-    """Zero-based index: positive ones count from 1, negative ones back from the last defined so far."""
-    resolved = index - 1 if index > 0 else count + index
-    if index == 0 or not 0 <= resolved < count:
-        raise ValueError(f"{kind} {index} of {count} defined so far")
-    return resolved
+def _counted(written: str, count: int, kind: str) -> int:
+    index = int(written)
+    if index < 0 and (index := count + 1 + index) < 1 and count:
+        raise ValueError(f"{kind} {written} of {count} defined so far")
+    return max(index, 0)
 
 
-def _materials(path: Path, statements: _Statements) -> tuple[list[ObjMaterial], np.ndarray]:
+def _resolve(path: Path, statements: _Statements) -> None:
+    """Turn indices from 1 on into rows; those of tables that are not there, and 0, into -1.
+
+    -1 is the last row of a table: NaN for texture coordinates, zero for normals.
+    """
+    count = len(statements.vertices)
+    from_zero = any(0 in polygon for polygon in statements.polygons)
+    if from_zero and any(max(polygon) >= count for polygon in statements.polygons):
+        first = next(index for index, polygon in enumerate(statements.polygons) if 0 in polygon)
+        raise InputError(
+            f"{path} line {statements.lines[first]}",
+            f"cannot be read as Wavefront OBJ (vertex 0 of {count}, and others count from 1)",
+            "Export the mesh again: indices count from 1",
+        )
+    for loops, rows, kind, absent in (
+        (statements.polygons, count, "vertex", False),
+        (statements.polygon_texture_vertices, len(statements.texture_vertices), "texture coordinate", True),
+        (statements.polygon_normals, len(statements.normals), "normal", True),
+    ):
+        shift = 0 if from_zero and not absent else 1
+        for number, loop in enumerate(loops):
+            if absent and not rows:
+                loop[:] = [-1] * len(loop)
+            elif max(loop) >= rows + shift:
+                found = f"{kind} {max(loop)} of {rows}"
+                raise InputError(
+                    f"{path} line {statements.lines[number]}",
+                    f"cannot be read as Wavefront OBJ ({found})",
+                    "Export the mesh again",
+                )
+            else:
+                loop[:] = [index - shift for index in loop]
+
+
+def _materials(
+    path: Path, statements: _Statements, remarks: list[str]
+) -> tuple[list[ObjMaterial], np.ndarray]:
     """Materials in order of first use, and the index of each polygon's."""
     known: dict[str, ObjMaterial] = {}
     libraries = list(dict.fromkeys(statements.libraries))
@@ -243,22 +306,53 @@ def _materials(path: Path, statements: _Statements) -> tuple[list[ObjMaterial], 
     names = list(dict.fromkeys(statements.polygon_materials))
     index_of = {name: index for index, name in enumerate(names)}
     return (
-        [_material(path, known, name, has_library=bool(statements.libraries)) for name in names],
+        [_material(path, known, name, remarks, has_library=bool(statements.libraries)) for name in names],
         np.array([index_of[name] for name in statements.polygon_materials], dtype=np.int32),
     )
 
 
-def _material(path: Path, known: dict[str, ObjMaterial], name: str, *, has_library: bool) -> ObjMaterial:
-    for written in (name, without_comment(name)):
-        if written in known:
-            return known[written]
-    if name and has_library:
+def _material(
+    path: Path, known: dict[str, ObjMaterial], name: str | None, remarks: list[str], *, has_library: bool
+) -> ObjMaterial:
+    """The material of a name; of None, the only one there is.
+
+    Raises
+    ------
+    InputError
+        A name that no library defines, or None where there are several.
+    """
+    written = name or ""
+    alike = [written, without_comment(written)]
+    alike += [other for other in known if written and other.casefold() == written.casefold()]
+    for candidate in alike:
+        if candidate in known and (candidate or len(known) == 1):
+            return known[candidate]
+    if not has_library:
+        return ObjMaterial()
+    distinct = list({id(material): key for key, material in known.items()}.values())
+    nameless = name is None or written.casefold() in _NAMELESS
+    if nameless and len(distinct) <= 1:
+        if distinct:
+            remarks.append(
+                "it uses no material by name (usemtl): the only one of its library, "
+                f"{shortened(distinct[0])}, is taken"
+            )
+            return known[distinct[0]]
+        remarks.append("its material library defines no material: it is drawn grey")
+        return ObjMaterial()
+    there = ", ".join(map(shortened, sorted(distinct)[:3])) or "none"
+    there += ", ..." if len(distinct) > 3 else ""
+    if name is None:
+        finding = f"has faces before any usemtl, and its material library has several materials ({there})"
         raise InputError(
-            str(path),
-            f"uses the material {shortened(name)}, which its material library does not define",
-            "Add it to the library, or name a texture for the object",
+            str(path), finding, "Write a usemtl before the faces, or name a texture for the object"
         )
-    return ObjMaterial()
+    raise InputError(
+        str(path),
+        f"uses the material {shortened(written)}, which its material library does not define (it has: "
+        f"{there})",
+        "Add it to the library, or name a texture for the object",
+    )
 
 
 def _texture(material: ObjMaterial, reader: TextureReader) -> np.ndarray:

@@ -30,10 +30,19 @@ _TYPES = {
 }  # fmt: skip
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _LONGEST_HEADER_BYTES = 2**16
-_COORDINATES = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
+_COORDINATES = (
+    ("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"), ("tex_u", "tex_v"),
+    ("tx", "ty"), ("tu", "tv"),
+)  # fmt: skip
 _INDICES = ("vertex_indices", "vertex_index")
 _NORMALS = ("nx", "ny", "nz")
-_COLOURS = ("red", "green", "blue")
+_COLOURS = (
+    ("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"),
+    ("ambient_red", "ambient_green", "ambient_blue"),
+)  # fmt: skip
+"""Names in use, the first first."""
+_ROUNDING = 1.001
+"""A colour of 1 that was computed is not above it."""
 
 
 @dataclass(frozen=True)
@@ -104,15 +113,21 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     faces = np.concatenate(loops).astype(np.int64)[places]
     coordinates = _coordinates(path, columns, faces, places)
     texture = uniform_texture(DEFAULT_COLOUR)
+    remarks: tuple[str, ...] = ()
     if with_textures and header.textures:
         texture = opaque(read_texture(_texture_file(path, header.textures, columns)))
     elif with_textures:
-        colours = _colours(columns, faces, polygon)
+        colours = _colours(path, columns, faces, polygon)
         if colours is not None:
             atlas, coordinates = corner_colour_atlas(colours)
             texture = opaque(atlas)
+        elif np.isfinite(coordinates).any():
+            remarks = (
+                "it has texture coordinates and names no picture: it is drawn grey; state the texture",
+            )
     of_face = np.zeros(len(faces), dtype=np.int32)
-    return TexturedMesh(vertices, faces, coordinates, (texture,), of_face, _normals(columns, faces))
+    normals = _normals(columns, faces)
+    return TexturedMesh(vertices, faces, coordinates, (texture,), of_face, normals, remarks=remarks)
 
 
 def _normals(columns: dict[str, dict[str, Column]], faces: np.ndarray) -> np.ndarray | None:
@@ -145,8 +160,8 @@ def _header(data: bytes) -> _Header:
         words = line.split()
         if words[:1] == ["format"]:
             order = _BYTE_ORDERS[words[1]]
-        elif words[:2] == ["comment", "TextureFile"]:
-            textures.append(line.split("TextureFile", 1)[1].strip())
+        elif words[:1] == ["comment"] and len(words) > 2 and words[1].lower() == "texturefile":
+            textures.append(line.split(words[1], 1)[1].strip())
         elif words[:1] == ["element"]:
             elements.append(_Element(words[1], int(words[2])))
         elif words[:2] == ["property", "list"]:
@@ -328,18 +343,32 @@ def _texture_file(path: Path, names: list[str], columns: dict[str, dict[str, Col
 
 
 def _colours(
-    columns: dict[str, dict[str, Column]], faces: np.ndarray, polygon: np.ndarray
+    path: Path, columns: dict[str, dict[str, Column]], faces: np.ndarray, polygon: np.ndarray
 ) -> np.ndarray | None:
     """RGBA (F, 3, 4) in 0..1 of vertices, else of faces."""
     for element, rows in (("vertex", faces), ("face", np.repeat(polygon[:, None], 3, axis=1))):
-        if all(name in columns[element] for name in _COLOURS):
-            channels = [_fractions(_numbers(columns[element][name])) for name in _COLOURS]
-            colours = np.stack([*channels, np.ones(len(channels[0]))], axis=1)
-            return np.asarray(colours[rows])
+        by_name = {name.lower(): column for name, column in columns[element].items()}
+        for names in _COLOURS:
+            if all(name in by_name for name in names):
+                channels = np.stack([_numbers(by_name[name]) for name in names], axis=1)
+                colours = np.ones((len(channels), 4))
+                colours[:, :3] = _fractions(path, channels)
+                return np.asarray(colours[rows])
     return None
 
 
-def _fractions(values: np.ndarray) -> np.ndarray:
-    if values.dtype.kind == "f":
-        return np.clip(np.nan_to_num(values.astype(np.float64)), 0, 1)
-    return np.clip(values / np.iinfo(values.dtype).max, 0, 1)
+def _fractions(path: Path, values: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) in 0..1."""
+    if values.dtype == np.int8:
+        values = values.view(np.uint8)
+    largest = float(np.nanmax(values, initial=0))
+    whole = values.dtype.kind in "iu"
+    if whole and (values.dtype.itemsize == 1 or largest > 1):
+        ranges = (255, 65535, np.iinfo(values.dtype).max)
+        most = float(next(most for most in ranges if largest <= most))
+    else:
+        most = 1.0 if largest <= _ROUNDING else 255.0
+    if largest > _ROUNDING * most or float(np.nanmin(values, initial=0)) < 0:
+        finding = f"has colours from {np.nanmin(values):g} to {largest:g}"
+        raise InputError(str(path), finding, "Write them as bytes in 0..255")
+    return np.clip(np.nan_to_num(values.astype(np.float64) / most), 0, 1)

@@ -20,7 +20,7 @@ from objectfolder.mesh.readers.files import (
     single_precision_step,
 )
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
-from objectfolder.mesh.readers.textures import uniform_texture
+from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, uniform_texture
 
 _HEADER_BYTES = 84
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -30,14 +30,15 @@ _END_OF_FACET = re.compile(rb"\bendfacet\b", re.IGNORECASE)
 
 
 def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
-    """Read an STL file as it is: three vertices a triangle, the default colour, no texture coordinates.
+    """Read an STL file as it is: three vertices a triangle, in colours of triangles where it has some.
 
-    Solids are joined; normals and attributes (colours of some programs) are left out.
+    Solids are joined; normals are left out. Attributes are colours where their highest bit says so, as
+    VisCAM and SolidView write them, or in a file whose header has ``COLOR=``, as Materialise Magics does.
 
     Parameters
     ----------
     with_textures
-        Makes no difference: an STL file has none.
+        False leaves colours out.
 
     Raises
     ------
@@ -50,8 +51,11 @@ def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     is_text = data[:512].lstrip()[:5].lower() == b"solid" and b"\0" not in data
     if is_text and end != len(data):
         corners, step = _text_corners(path, data), 0.0
+        colours = None
     elif count >= 0 and end <= len(data):
-        corners = np.frombuffer(data, _TRIANGLE, count, _HEADER_BYTES)["corners"].astype(np.float64)
+        triangles = np.frombuffer(data, _TRIANGLE, count, _HEADER_BYTES)
+        corners = triangles["corners"].astype(np.float64)
+        colours = _colours(data[:80], triangles["attribute"])
         step = single_precision_step(corners)
     else:
         said = f"says {count} triangles, more than it holds" if count >= 0 else f"has {len(data)} bytes only"
@@ -62,13 +66,33 @@ def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     refuse_unusable(path, vertices)
     refuse_coarse(path, vertices, step)
     faces = np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    texture, coordinates = uniform_texture(DEFAULT_COLOUR), np.full((len(faces), 3, 2), np.nan)
+    if with_textures and colours is not None:
+        texture, coordinates = corner_colour_atlas(np.repeat(colours[:, None], 3, axis=1))
+        texture = opaque(texture)
     return TexturedMesh(
         vertices,
         faces,
-        np.full((len(faces), 3, 2), np.nan),
-        (uniform_texture(DEFAULT_COLOUR),),
+        coordinates,
+        (texture,),
         np.zeros(len(faces), dtype=np.int32),
     )
+
+
+def _colours(header: bytes, attributes: np.ndarray) -> np.ndarray | None:
+    """RGBA (F, 4) in 0..1 by the attributes (F,) of triangles; None where these are no colours."""
+    place = header.find(b"COLOR=")
+    # Magics counts from red up and sets the bit where the object's colour holds, others from blue up.
+    own = (attributes >> 15 == 0) & attributes.any() if place >= 0 else (attributes >> 15 == 1)
+    if not own.any() and place < 0:
+        return None
+    whole = np.append(DEFAULT_COLOUR, 1.0)
+    if place >= 0 and len(header) >= place + 10:
+        whole = np.frombuffer(header, np.uint8, 4, place + 6) / 255
+    shifts = (0, 5, 10) if place >= 0 else (10, 5, 0)
+    colours = np.ones((len(attributes), 4))
+    colours[:, :3] = np.stack([(attributes >> shift & 31) / 31 for shift in shifts], axis=1)
+    return np.where(own[:, None], colours, whole)
 
 
 def _text_corners(path: Path, data: bytes) -> np.ndarray:

@@ -142,12 +142,13 @@ def with_alpha(texture: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     multiples of each other are resampled to the nearest texel.
     """
     height, width = np.maximum(texture.shape[:2], alpha.shape)
-    result = _nearest(texture, height, width).copy()
-    result[..., 3] = _nearest(alpha, height, width)
+    result = resized(texture, height, width).copy()
+    result[..., 3] = resized(alpha, height, width)
     return result
 
 
-def _nearest(image: np.ndarray, height: int, width: int) -> np.ndarray:
+def resized(image: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Return an image (h, w) or (h, w, c) at another size, each texel the nearest of its own."""
     rows = np.arange(height) * image.shape[0] // height
     columns = np.arange(width) * image.shape[1] // width
     return image[rows[:, None], columns]
