@@ -12,7 +12,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from objectfolder.errors import InputError
+from objectfolder.mesh.inner_faces import inner_faces
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.seams import without_seams
 from objectfolder.surface.surface import EdgeTable, connected_pieces, edge_table, face_normals_and_areas
 from objectfolder.surface.winding_number import solid_angles
 
@@ -32,10 +34,12 @@ _PROBES = 9
 class CleaningReport:
     """What cleaning found and did.
 
-    `vertices_welded` were merged into one of equal position, `degenerate_faces_dropped` had a vertex twice,
+    `vertices_welded` were merged into one of equal position, or across a seam, `degenerate_faces_dropped` had
+    a vertex twice,
     `folded_faces_dropped` lay on the same three vertices as another and enclosed nothing,
     `doubled_faces_dropped` lay back to back with a face of the surface, as all others of its patch did,
-    `repeated_faces_dropped` repeated a face of the surface, `vertices_unreferenced_dropped` were left
+    `repeated_faces_dropped` repeated a face of the surface, `inner_faces_dropped` had solid on both sides
+    (see `inner_faces`), `vertices_unreferenced_dropped` were left
     without a face, `faces_reversed` pointed inwards. See `Orientation` for the rest.
     """
 
@@ -44,6 +48,7 @@ class CleaningReport:
     folded_faces_dropped: int
     doubled_faces_dropped: int
     repeated_faces_dropped: int
+    inner_faces_dropped: int
     vertices_unreferenced_dropped: int
     faces_reversed: int
     cavities: int
@@ -64,9 +69,10 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
 
     Faces with a vertex twice go. Faces on the same three vertices go in pairs, both of each pair, as they
     enclose nothing; where such faces repeat a face of the surface one stays (see `_folded_and_repeated`), and
-    where a whole patch is given a second time, back to back, one layer of it (see `_without_layers`).
-    Texture coordinates and normals move with their corners (see `usable_normals`). Cleaning
-    a clean mesh changes nothing.
+    where a whole patch is given a second time, back to back, one layer of it (see `_without_layers`). So do
+    faces with solid on both sides (see `inner_faces.inner_faces`). Rims that are apart by rounding are made
+    one where that closes the surface (see `seams.without_seams`). Texture coordinates and normals move with
+    their corners (see `usable_normals`). Cleaning a clean mesh changes nothing.
 
     Parameters
     ----------
@@ -93,6 +99,10 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
             f"{np.count_nonzero(folded)} lie back to back",
             "Export a surface with an inside and an outside",
         )
+    before = len(np.unique(faces[kept]))
+    faces[kept] = without_seams(positions, faces[kept])
+    seams = before - len(np.unique(faces[kept]))
+    kept, inner = _without_inner(positions, faces, kept)
     faces, coordinates = faces[kept], mesh.texture_coordinates[kept]
     pieces = connected_pieces(faces)[0]
     if pieces > MOST_PIECES:
@@ -117,17 +127,27 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
         normals=None if normals is None else usable_normals(positions, wound, normals, orientation.reverse),
     )
     return cleaned, CleaningReport(
-        vertices_welded=len(mesh.vertices) - len(positions),
+        vertices_welded=len(mesh.vertices) - len(positions) + seams,
         degenerate_faces_dropped=int(np.count_nonzero(~solid)),
         folded_faces_dropped=int(np.count_nonzero(folded)),
         doubled_faces_dropped=int(np.count_nonzero(doubled)),
         repeated_faces_dropped=int(np.count_nonzero(repeated)),
-        vertices_unreferenced_dropped=len(positions) - len(used),
+        inner_faces_dropped=inner,
+        vertices_unreferenced_dropped=len(positions) - seams - len(used),
         faces_reversed=int(np.count_nonzero(orientation.reverse)),
         cavities=orientation.cavities,
         nested_solids=orientation.nested_solids,
         unorientable_patches=orientation.unorientable_patches,
     )
+
+
+def _without_inner(vertices: np.ndarray, faces: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]:
+    """Leave faces with solid on both sides out of those (F,) that are kept; and how many these are."""
+    rows = np.flatnonzero(kept)
+    inner = rows[inner_faces(vertices, faces[rows])]
+    kept = kept.copy()
+    kept[inner] = False
+    return kept, len(inner)
 
 
 def usable_normals(

@@ -145,6 +145,8 @@ def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> lis
         found.append(f"{report.nested_finding()}. {NESTED_REMEDY}")
     if report.doubled_faces_dropped:
         found.append(f"{report.doubled_faces_dropped} faces lay back to back with others and were left out")
+    if report.inner_faces_dropped:
+        found.append(f"{report.inner_faces_dropped} faces had solid on both sides and were left out")
     if report.unorientable_patches:
         found.append(f"{report.unorientable_patches} patches have no inside (Moebius strips)")
     if topology.zero_area_faces:

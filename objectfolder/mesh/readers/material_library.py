@@ -214,8 +214,8 @@ def _show(path: Path, material: ObjMaterial) -> None:
         if keyword in material.pictures and (black or keyword == "map_ka"):
             material.texture = material.pictures[keyword]
             material.remarks.append(
-                f"{path.name} has a picture of {kind} (map_K{keyword[-1]}) and none of the colour (map_Kd): it "
-                "is taken for the colour"
+                f"{path.name} has a picture of {kind} (map_K{keyword[-1]}) and none of the colour (map_Kd): "
+                "it is taken for the colour"
             )
             return
         if keyword == "map_ke" and keyword in material.pictures:
