@@ -22,6 +22,13 @@ from objectfolder.products.store import Product
 from objectfolder.renaming import formerly_positional
 from objectfolder.surface.codec import too_large
 from objectfolder.surface.overlap import NOTHING, counted_again
+from objectfolder.surface.surface import connected_pieces
+
+DEBRIS_SHARE = 0.01
+"""Of the area: a piece with less is a speck, unless it is near the rest."""
+
+DEBRIS_LENGTH = 1.2
+"""Longest side with specks over that without, from which on they decide the size."""
 
 
 @formerly_positional
@@ -86,7 +93,7 @@ def ingest_object(
     if finding := too_large(mesh.vertices, mesh.faces):
         raise InputError(where, f"has {finding}", "Decimate it")
     walls = measure_walls(mesh.surface)
-    attributes = _measured(mesh, report, walls, warnings, length_m)
+    attributes = _measured(mesh, report, walls, [*warnings, *_debris(mesh)], length_m)
     if (axis := up or up_axis(mesh_path)) != Z_UP:
         attributes["source_up"] = axis
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
@@ -124,22 +131,27 @@ def _measured(
         "solid": {"meaningful": walls.closed, **solid.to_dict()},
         "wall_thickness": walls.thickness(),
         "normals_of_source": 0.0 if mesh.normals is None else float(mesh.normals.any(axis=2).mean()),
-        "warnings": warnings + list(mesh.remarks) + _warnings(report, topology, walls.closed) + doubts,
+        "warnings": warnings + list(mesh.remarks) + _warnings(report, topology, walls) + doubts,
         "length": {"stated_m": length_m, "extents_m": mesh.extents.tolist()},
     }
 
 
-def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> list[str]:
+def _warnings(report: CleaningReport, topology: Topology, walls: WallMeasures) -> list[str]:
     found = []
-    if not topology.watertight:
+    if walls.cracked:
+        found.append(
+            f"the surface is closed but for cracks ({topology.boundary_edges} boundary edges): it sounds and "
+            "weighs as if they were filled"
+        )
+    elif not topology.watertight:
         found.append(
             f"the surface is not closed ({topology.boundary_edges} boundary and "
             f"{topology.non_manifold_edges} non-manifold edges): volume, mass and inertia mean nothing"
         )
-    elif not is_solid:
+    elif not walls.closed:
         found.append("the surface is closed but bounds no positive volume")
     pieces = topology.components - report.cavities
-    if pieces > 1:
+    if pieces > 1 and not walls.cracked:
         found.append(f"the surface has {pieces} separate pieces")
     if report.nested_solids:
         found.append(f"{report.nested_finding()}. {NESTED_REMEDY}")
@@ -154,6 +166,24 @@ def _warnings(report: CleaningReport, topology: Topology, is_solid: bool) -> lis
             f"{topology.zero_area_faces} faces have no area; they are kept to keep the surface closed"
         )
     return found
+
+
+def _debris(mesh: TexturedMesh) -> list[str]:
+    """A sentence where pieces of hardly any area make the object longer than the rest of it."""
+    pieces, piece = connected_pieces(mesh.faces)
+    share = np.bincount(piece, mesh.surface.face_areas, pieces) / mesh.surface.area
+    small = (share < DEBRIS_SHARE)[piece]
+    if not small.any() or small.all():
+        return []
+    longest = float(mesh.extents.max())
+    without = float(np.ptp(mesh.vertices[np.unique(mesh.faces[~small])], axis=0).max())
+    if longest < DEBRIS_LENGTH * without:
+        return []
+    return [
+        f"the longest side, {longest:.4g} m, is that of pieces with {share[share < DEBRIS_SHARE].sum():.2g} "
+        f"of the area, {np.count_nonzero(small)} faces far from the rest: without them it is "
+        f"{without:.4g} m. Leave them out of the mesh, for a stated length scales by the longest side"
+    ]
 
 
 def _source(path: Path) -> dict[str, str]:

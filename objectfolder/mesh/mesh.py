@@ -103,8 +103,9 @@ class TexturedMesh:
 
     @property
     def extents(self) -> np.ndarray:
-        """(3,) sides of the axis-aligned bounding box, metres."""
-        return self.vertices.max(axis=0) - self.vertices.min(axis=0)
+        """(3,) sides of the axis-aligned bounding box of the faces, metres."""
+        corners = self.vertices[np.unique(self.faces)] if len(self.faces) else self.vertices
+        return np.asarray(np.ptp(corners, axis=0))
 
 
 def textured_mesh_of(product: Product) -> TexturedMesh:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from objectfolder.mesh.body import topology_of
-from objectfolder.surface.openings import OPENING, opening_shares, patches_of
+from objectfolder.surface.openings import OPENING, has_cracks_only, opening_shares, patches_of
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 
@@ -57,6 +57,8 @@ class WallMeasures:
     opening_share
         Area of the openings of patches that are not mostly wall, over that of the surface; of what sounds
         they are closed.
+    cracked
+        Closed but for cracks, which have no opening (see `openings.has_cracks_only`).
     """
 
     closed: bool
@@ -71,6 +73,7 @@ class WallMeasures:
     wall_median_m: float | None
     wall_thin_m: float | None
     opening_share: float = 0.0
+    cracked: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return the measures as JSON values; `WallMeasures(**values)` takes them."""
@@ -107,6 +110,7 @@ def measure_walls(surface: Surface) -> WallMeasures:
     walls = np.sort(across[is_wall])
     thin, median = np.quantile(across, [0.05, 0.5]).tolist() if len(across) else (None, None)
     middles = drawn.points[met] - normals[met] * across[:, None] / 2
+    cracked = not closed and has_cracks_only(surface)
     thin_rays = round(THIN_SHARE * RAYS)
     return WallMeasures(
         closed=closed,
@@ -120,7 +124,10 @@ def measure_walls(surface: Surface) -> WallMeasures:
         wall_share=len(walls) / RAYS,
         wall_median_m=float(np.median(walls)) if len(walls) else None,
         wall_thin_m=float(walls[thin_rays]) if len(walls) > thin_rays else None,
-        opening_share=0.0 if closed else _opening_share(surface, drawn.face, drawn.face[met][is_wall]),
+        cracked=cracked,
+        opening_share=0.0
+        if closed or cracked
+        else _opening_share(surface, drawn.face, drawn.face[met][is_wall]),
     )
 
 
@@ -286,7 +293,8 @@ def _too_thick(
     weighed: float | None,
 ) -> WallFinding | None:
     """A container scanned solid, or a housing of one layer of faces; None where neither is."""
-    thickest = measures.bulk_m if measures.closed else measures.median_m or 0.0
+    closed = measures.closed or measures.cracked
+    thickest = measures.bulk_m if closed else measures.median_m or 0.0
     if thickest <= limits.largest_solid_m:
         filled = measures.opening_share > OPENING and measures.volume_m3 > 0
         return _open(measures, limits) if filled else None
@@ -296,7 +304,7 @@ def _too_thick(
         shell_m, how = _shell_of(measures, weighed), f"gives the published {mass_kg:.3g} kg"
     remedy = f"If it is hollow, set shell_m to its wall ({millimetres(shell_m)} {how})"
     remedy += _how_fine(measures, shell_m)
-    if not measures.closed:
+    if not closed:
         finding = (
             f"the surface is open, and from half of it the other side is more than {millimetres(thickest)} "
             f"inwards: {seldom}"

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from objectfolder.surface.surface import EdgeTable, Surface, connected_pieces
 
@@ -11,6 +12,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 OPENING = 0.05
 """Area of the flat lids of a patch's openings over its own, from which on it is a sheet."""
+CRACK = 0.005
+"""Distance over the longest side up to which two rims along one another are the sides of a crack."""
+MATCHED, OTHER_WAY, NEIGHBOURS, MOST_STEPS = 0.98, -0.7, 16, 100_000
 
 
 def patches_of(table: EdgeTable) -> Integers:
@@ -57,6 +61,44 @@ def opening_shares(surface: Surface, patch: Integers) -> Floats:
     of_loop[loop] = owner[rim[:, 0]]
     sizes = np.bincount(of_loop, np.linalg.norm(vectors, axis=1), len(area))
     return np.asarray(sizes / np.maximum(area, 1e-300))
+
+
+def has_cracks_only(surface: Surface) -> bool:
+    """Whether another rim, or another part of it, runs the other way beside all rims within `CRACK`.
+
+    Such a surface is closed but for cracks, as a lid that was not joined: nothing shows what is within.
+
+    Examples
+    --------
+    >>> from trimesh.creation import box
+    >>> vertices, faces = box((1, 1, 1)).vertices, box((1, 1, 1)).faces
+    >>> lid = (vertices[faces][..., 2] > 0).all(axis=1)
+    >>> cracked = Surface(np.concatenate([vertices, vertices + [0, 0, 1e-3]]), faces + 8 * lid[:, None])
+    >>> has_cracks_only(cracked), has_cracks_only(Surface(vertices, faces[~lid]))
+    (True, False)
+    """
+    patch = patches_of(surface.edges)
+    parted = apart(surface, patch)
+    rim = rim_of(parted.faces)
+    start, end = parted.vertices[rim].swapaxes(0, 1)
+    length = np.linalg.norm(end - start, axis=1)
+    width = CRACK * float(np.ptp(surface.bounds, axis=0).max())
+    count = np.maximum(1, np.ceil(length / width)).astype(np.int64)
+    if len(rim) == 0 or count.sum() > MOST_STEPS:
+        return False
+    edge = np.repeat(np.arange(len(count)), count)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    points = start[edge] + (end - start)[edge] * ((step + 0.5) / count[edge])[:, None]
+    direction = ((end - start) / np.maximum(length, 1e-300)[:, None])[edge]
+    # Steps are no longer than the width: of a rim beside, one lies within 1.5 of it.
+    near = KDTree(points).query(points, k=NEIGHBOURS, distance_upper_bound=1.5 * width)[1]
+    there = near < len(points)
+    near = np.where(there, near, 0)
+    opposite = np.einsum("pnx,px->pn", direction[near], direction) < OTHER_WAY
+    across = np.linalg.norm(np.cross(points[near] - points[:, None], direction[:, None]), axis=2)
+    matched = (there & opposite & (across <= width)).any(axis=1)
+    weight = (length / count)[edge]
+    return bool((weight * matched).sum() >= MATCHED * weight.sum())
 
 
 def apart(surface: Surface, patch: Integers) -> Surface:

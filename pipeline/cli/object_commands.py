@@ -46,6 +46,8 @@ def build(
         build an object of 1 m or more without --length, or above 100 kg, without a question
     """
     import objectfolder
+    from objectfolder.mesh.looks import looks_of
+    from objectfolder.mesh.readers.load import load_mesh
     from pipeline.cli.doubtful_size import confirm_size
     from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
@@ -64,6 +66,10 @@ def build(
         print(json_text.dumps(figures, indent=1))
         return
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
+    read = load_mesh(wanted.mesh, wanted.texture)
+    print(f"looks        {looks_of(read)}")
+    for remark in read.remarks:
+        print(f"warning      {remark}")
     for finding in findings:
         print(f"warning      {finding}")
     print("\n".join(fidelity_lines(objectfolder.load(output))))

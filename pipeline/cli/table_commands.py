@@ -105,7 +105,7 @@ def check(
     """Find what is wrong or doubtful in a table of objects: units, masses, materials, licences, walls.
 
     Nothing is changed. The exit status is 1 where there are errors. A doubt that was looked at and stays is
-    listed in the column `accepted`, by the name of its rule (length, mass, walls, surface, material,
+    listed in the column `accepted`, by the name of its rule (length, mass, walls, surface, looks, material,
     licence, provenance, duplicate); the notes say why.
 
     Parameters

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small_meshes import CUBE_FACES, CUBE_VERTICES, checker, cube, sphere, write_textured_cube
+from small_meshes import CUBE_FACES, CUBE_VERTICES, box, checker, cube, sphere, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
@@ -14,6 +14,7 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.body import solid_properties
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of, with_length
+from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import (
     CERTAIN,
     LIKELY,
@@ -250,3 +251,18 @@ def test_a_mesh_that_no_object_file_holds_is_refused(tmp_path):
     path.write_text("\n".join(lines))
     with pytest.raises(InputError, match=r"up to 5000 corners of faces in one place\. Decimate it"):
         ingest_object(path, length_m=0.1, object_id="spindle")
+
+
+def test_what_hardly_is_there_decides_no_size_in_silence(tmp_path):
+    """A vertex without a face counts for nothing; a speck far away is named with the size without it."""
+    vertices, faces = box((0, 0, 0), (0.1, 0.08, 0.06))
+    speck, speck_faces = box((2, 0, 0), (2.001, 0.001, 0.001))
+    lines = [f"v {x} {y} {z}" for x, y, z in [*vertices, [9, 9, 9], *speck]]
+    lines += ["f " + " ".join(str(corner + 1) for corner in face) for face in [*faces, *(speck_faces + 9)]]
+    path = tmp_path / "model.obj"
+    path.write_text("\n".join(lines))
+    assert load_mesh(path).extents.tolist() == pytest.approx([2.001, 0.08, 0.06])
+    said = ingest_object(path).attributes["warnings"]
+    assert any("2.001 m" in text and "without them it is 0.1 m" in text for text in said)
+    path.write_text("\n".join(line for line in lines if line[0] == "v" or int(line.split()[1]) < 9))
+    assert not any("longest side" in text for text in ingest_object(path).attributes["warnings"])

@@ -8,6 +8,7 @@ from small_meshes import bare_mesh, box
 
 from objectfolder.mesh.body import solid_properties, topology_of
 from objectfolder.mesh.cleaning import clean
+from objectfolder.mesh.walls import measure_walls, wall_findings
 
 LOW, HIGH = (0.0, 0.0, 0.0), (0.1, 0.08, 0.06)
 VOLUME = 4.8e-4
@@ -113,3 +114,15 @@ def test_solids_that_touch_at_a_corner_each_keep_their_outside():
     assert report.inner_faces_dropped == 4
     assert topology_of(mesh.surface).watertight
     assert solid_properties(mesh.vertices, mesh.faces).volume_m3 == pytest.approx(2 * VOLUME)
+
+
+def test_a_crack_gets_no_advice_that_would_ruin_it():
+    """A lid 200 micrometres above its box: closed but for cracks, while a box without a lid is open."""
+    vertices, faces = BOX
+    lid = vertices[faces][..., 2].min(axis=1) == 0.06
+    cracked, _ = clean(bare_mesh(*joined((vertices, faces[~lid]), floor(0.0602))))
+    measures = measure_walls(cracked.surface)
+    assert (measures.closed, measures.cracked, measures.opening_share) == (False, True, 0.0)
+    assert wall_findings(measures, material="wood") == ()
+    measures = measure_walls(clean(bare_mesh(vertices, faces[~lid]))[0].surface)
+    assert (measures.cracked, len(wall_findings(measures, material="wood"))) == (False, 1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.mesh.body import told_normals
+from objectfolder.mesh.looks import looks_of
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.walls import (
     ANY_MATERIAL,
@@ -80,7 +81,8 @@ def lines_about(checked: Checked) -> list[str]:
     closed = (
         "closed"
         if walls.closed
-        else f"open ({topology['boundary_edges']} boundary edges): filled as it sounds"
+        else f"{'closed but for cracks' if walls.cracked else 'open'} ({topology['boundary_edges']} boundary "
+        "edges): filled as it sounds"
     )
     lines = [
         f"object       {checked.row['name']} ({checked.object_id}), {checked.row['licence']}",
@@ -88,6 +90,7 @@ def lines_about(checked: Checked) -> list[str]:
         f"surface      {len(checked.product['faces'])} triangles, {closed}, "
         f"pieces {topology['components'] - cavities}, cavities {cavities}, "
         f"normals {told_normals(attributes['normals_of_source'])}",
+        f"looks        {looks_of(textured_mesh_of(checked.product))}",
         f"up           {attributes.get('source_up', 'z')} of the file",
         f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
         f"{checked.material.name} ({density:g} kg/m3)",

@@ -39,6 +39,7 @@ class Shape:
     faces : of the cleaned surface
     likeness : numbers that a copy shares wherever it was moved and in whatever order it was written: area,
         volume and sides of the bounding box in order of length, in the file's own unit
+    remarks : what was read otherwise than the file says it
     """
 
     file_extents: tuple[float, float, float]
@@ -49,6 +50,7 @@ class Shape:
     faces: int
     likeness: tuple[float, ...]
     cleaning: CleaningReport | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def file_length(self) -> float:
@@ -171,6 +173,7 @@ def measure(record: ObjectRecord) -> Shape:
         texture_sha256=None if record.texture is None else file_digest(record.texture),
         faces=len(cleaned.faces),
         cleaning=report,
+        remarks=mesh.remarks,
         likeness=(
             cleaned.surface.area,
             abs(solid_properties(cleaned.vertices, cleaned.faces).volume_m3),

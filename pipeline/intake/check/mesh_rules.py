@@ -6,7 +6,7 @@ from objectfolder.mesh.cleaning import NESTED_REMEDY
 from objectfolder.mesh.walls import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding, Shape
 
-LENGTH, MASS, SURFACE, WALLS = "length", "mass", "surface", "walls"
+LENGTH, MASS, SURFACE, WALLS, LOOKS = "length", "mass", "surface", "walls", "looks"
 
 SAME = 0.03
 """Relative difference within which two lengths of a scan are the same."""
@@ -133,6 +133,10 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
         yield entry.found(SURFACE, NOTE, "mesh", found, "Export one layer of faces")
     if entry.shape.walls.closed:
         return
+    if entry.shape.walls.cracked:
+        found = f"the surface is closed but for cracks ({topology.boundary_edges} boundary edges)"
+        yield entry.found(SURFACE, NOTE, "mesh", found, "Join its parts in an editor for an exact volume")
+        return
     if topology.boundary_edges or topology.non_manifold_edges:
         found = (
             f"the surface is not closed: {topology.boundary_edges} boundary and "
@@ -142,6 +146,12 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
         found = "the surface is closed but wound inconsistently, or bounds no positive volume"
     remedy = "Close it in an editor, or take its mass as that of the space that it mostly encloses"
     yield entry.found(SURFACE, WARNING, "mesh", found, remedy)
+
+
+def check_looks(entry: Entry) -> Iterator[Finding]:
+    """Find what a reader took otherwise than the file says it."""
+    for remark in entry.shape.remarks if entry.shape else ():
+        yield entry.found(LOOKS, WARNING, "mesh", remark, "Look at the picture that `add` draws")
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:

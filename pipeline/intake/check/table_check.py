@@ -27,6 +27,7 @@ BY_ROW: Mapping[str, Callable[[Entry], Iterator[Finding]]] = {
     mesh_rules.WALLS: mesh_rules.check_walls,
     mesh_rules.SURFACE: mesh_rules.check_surface,
     mesh_rules.MASS: mesh_rules.check_mass,
+    mesh_rules.LOOKS: mesh_rules.check_looks,
     row_rules.MATERIAL: row_rules.check_material,
 }
 RULES = (*BY_ROW, duplicate_rule.RULE, ACCEPTED)
