@@ -78,6 +78,7 @@ def ball(subdivisions: int) -> Solid:
     ]
     middle = np.hstack([np.zeros((len(faces), 1), dtype=np.int64), inner])
     vertices = np.concatenate([np.zeros((1, 3)), skin.vertices / 2, skin.vertices])
-    fine = trimesh.creation.icosphere(subdivisions + 3)
+    # A coarser target has facets that show: which of them a node is drawn to is a matter of rounding.
+    fine = trimesh.creation.icosphere(max(subdivisions + 3, 4))
     target = Surface(np.array(fine.vertices), np.array(fine.faces))
     return replace(clean(vertices, np.concatenate([middle, *prisms]), {}), target=target)
