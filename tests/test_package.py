@@ -230,7 +230,8 @@ def test_examples_are_small_and_say_how_faithful_they_are() -> None:
         assert said["object"]["licence"] == "CC0-1.0"
         assert said["fidelity"]["vision"]["psnr_db"] > 45
         assert said["fidelity"]["audio"]["gain_error_db"] < -41
-        assert said["fidelity"]["touch"]["psnr_contact_db"] > 58
+        touch = said["fidelity"]["touch"]  # the untouched gel's figure says how far pictures are apart
+        assert touch["psnr_contact_db"] > touch["empty_psnr_contact_db"] + 38
         assert "/" not in str(said["provenance"]["inputs"])
 
 
