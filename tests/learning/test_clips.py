@@ -41,8 +41,9 @@ def test_a_mug_is_seen_to_rise_heard_to_be_touched_and_felt(held, tmp_path, monk
     pixels = 320  # as high as both gels
     assert images.shape[1:] == (pixels, pixels + 120, 3)
     gels = images[:, :, pixels:]
-    assert abs(gels[4] - gels[0]).max() > 20, "pressed"
-    assert abs(gels[4] - gels[3]).mean() < 1, "and held"
+    pressed = abs(gels[4] - gels[0])
+    assert pressed.max() > 20, "pressed"
+    assert abs(gels[4] - gels[3]).mean() < 0.3 * pressed.mean(), "and held"
     seen = images[:, :, :pixels]
     assert abs(seen[-1] - seen[3]).max() > 100, "lifted"
     loud = np.flatnonzero(abs(sound) > 0.1 * abs(sound).max()) / SAMPLE_RATE_HZ
