@@ -6,9 +6,12 @@ interrupted; 141 nobody reads the output any more, as after `| head`. An error i
 
 import contextlib
 import errno
+import io
 import os
+import shutil
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -80,6 +83,7 @@ def command_name(function: Callable[..., Any]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    _write_any_letter()
     try:
         with _ended_by_signals():
             status = application()(
@@ -100,7 +104,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         print_error(_absent_package(words, error))
     except FileNotFoundError as error:
-        print_error(f"{error.filename}: no such file. Check the path.")
+        if error.filename is None:  # Python finds no folder for temporary files
+            print_error(f"{error.strerror}. Set TMPDIR to a folder that can be written and has space.")
+        else:
+            print_error(f"{error.filename}: no such file. Check the path.")
     except BrokenPipeError:
         # What is still buffered would fail again when Python ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -109,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno in NO_SPACE:
             from pipeline.store.storage import disk_error
 
-            print_error(disk_error(error, Path(error.filename or ".")))
+            print_error(disk_error(error, Path(error.filename or _fullest_folder())))
         elif error.filename is not None:
             print_error(f"{error.filename}: {error.strerror}. Check the path and its permissions.")
         else:
@@ -118,6 +125,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_error(f"interrupted. {error}".rstrip())
         return INTERRUPTED
     return FAILED
+
+
+def _write_any_letter() -> None:
+    """Let a terminal that has not all letters show the others escaped, and no command fail for a name."""
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _fullest_folder() -> str:
+    """Return the folder that is full where an error names none: that of temporary files, or this one."""
+    return min((tempfile.gettempdir(), "."), key=lambda folder: shutil.disk_usage(folder).free)
 
 
 @contextlib.contextmanager

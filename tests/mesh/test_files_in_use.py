@@ -87,6 +87,16 @@ def test_colours_of_an_obj_that_are_said(tmp_path, library, colour, remark):
         assert mesh.metallic_maps[0].tolist() == [[255]]
 
 
+def test_an_obj_that_names_no_colours_says_so(tmp_path):
+    for folder, material, remark in (("one", "skin", "no library"), ("two", "", "names no picture")):
+        path = write_obj_box(tmp_path / folder, mtllib="", material=material)
+        mesh = load_mesh(path)
+        assert top(mesh) == [204, 204, 204]
+        assert len(mesh.remarks) == 1
+        assert remark in mesh.remarks[0]
+        assert load_mesh(path, path.with_name("skin.png")).remarks == ()
+
+
 def test_several_materials_and_none_named_is_refused(tmp_path):
     two = "newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n"
     path = write_obj_box(tmp_path / "one", library=two, material="")

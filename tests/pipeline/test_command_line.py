@@ -10,6 +10,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
@@ -134,6 +136,8 @@ def test_a_stage_that_is_none_is_told_from_those_there_are(capsys: pytest.Captur
         (FileNotFoundError(errno.ENOENT, "", "x.npy"), 1, "x.npy: no such file. Check the path."),
         (PermissionError(errno.EACCES, "Permission denied", "x.npy"), 1, "x.npy: Permission denied."),
         (OSError(errno.ENOSPC, "No space left on device", "x.npy"), 1, "x.npy"),
+        (OSError(errno.ENOSPC, "No space left on device"), 1, tempfile.gettempdir()),
+        (FileNotFoundError(errno.ENOENT, "No usable temporary directory found"), 1, "Set TMPDIR"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )
@@ -148,10 +152,22 @@ def test_what_ends_a_command_decides_its_status_and_is_one_line(
         raise error
 
     monkeypatch.setattr(objectfolder, "load", fail)
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage(9, 0, 9 if folder == "." else 0))
     assert main(["info", "x.safetensors"]) == status
     line = _last_line(capsys)
     assert line.startswith("objectfolder: ")
     assert said in line
+
+
+def test_letters_that_a_terminal_has_not_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    monkeypatch.setattr(objectfolder, "load", lambda path: print("Tasse \u676f") or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        main(["info", "x.safetensors"])
+    sys.stdout.flush()
+    assert written.getvalue() == b"Tasse \\u676f\n"
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     if with_textures:
         materials, of_polygon = _materials(path, statements, remarks)
         face_texture = of_polygon[triangles.polygon]
+        remarks += _without_colour(statements)
     else:
         materials, face_texture = [ObjMaterial()], np.zeros(len(faces), dtype=np.int32)
     remarks += [remark for material in materials for remark in material.remarks]
@@ -309,6 +310,17 @@ def _materials(
         [_material(path, known, name, remarks, has_library=bool(statements.libraries)) for name in names],
         np.array([index_of[name] for name in statements.polygon_materials], dtype=np.int32),
     )
+
+
+def _without_colour(statements: _Statements) -> list[str]:
+    """A sentence where a file speaks of colours and names none."""
+    if statements.libraries or any(len(row) >= 6 for row in statements.vertices):
+        return []
+    if any(statements.polygon_materials):
+        return ["it uses materials and names no library of them (mtllib): it is drawn grey"]
+    if statements.texture_vertices:
+        return ["it has texture coordinates and names no picture: it is drawn grey; state the texture"]
+    return []
 
 
 def _material(
