@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 OPENING = 0.05
 """Area of the flat lids of a patch's openings over its own, from which on it is a sheet."""
-CRACK = 0.005
+CRACK = 0.003
 """Distance over the longest side up to which two rims along one another are the sides of a crack."""
 MATCHED, OTHER_WAY, NEIGHBOURS, MOST_STEPS = 0.98, -0.7, 16, 100_000
 
