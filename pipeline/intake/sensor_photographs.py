@@ -48,10 +48,13 @@ def read_photographs(sources: Sequence[Path], untouched: Path | None = None) -> 
     Raises
     ------
     InputError
-        No picture of the untouched sensor, or none that can be used beside it.
+        A file or folder that is not there, no picture of the untouched sensor, or none that can be used
+        beside it.
     """
     paths: list[Path] = []
     for path in sources:
+        if not path.exists():
+            raise InputError("photographs", f"{path} is not there", "Give files or a folder.")
         inside = (
             sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
             if path.is_dir()
@@ -81,6 +84,9 @@ def read_photographs(sources: Sequence[Path], untouched: Path | None = None) -> 
         if picture.shape != empty.shape:
             size = f"{picture.shape[1]} x {picture.shape[0]}"
             faults.append(f"{path.name}: {size} pixels, the untouched one has {width} x {height}. Left out.")
+            continue
+        if not np.ptp(picture, axis=(0, 1)).any():
+            faults.append(f"{path.name}: of one colour all over. Left out.")
             continue
         names.append(path.name)
         pictures.append(picture)

@@ -73,20 +73,28 @@ def test_balls_and_photographs_that_cannot_be_are_refused(photographs) -> None:
     images, untouched = photographs
     with pytest.raises(InputError, match="24 mm is larger than the gel of 20 x 30 mm"):
         calibrate(images, untouched, TRUE, 0.012)
+    for radius in (0.0, float("nan"), RADIUS / 1000):
+        with pytest.raises(InputError, match="pixels of pictures of 120 x 160"):
+            calibrate(images, untouched, TRUE, radius)
     with pytest.raises(InputError, match="1 of 2 photographs show a contact circle"):
         calibrate(np.stack([images[7], untouched]), untouched, TRUE, RADIUS)
 
 
 def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Path) -> None:
     grey = np.full((8, 6, 3), 90, dtype=np.uint8)
-    for name, picture in (("a.png", grey), ("b.png", grey[:4]), ("untouched.png", grey)):
+    marked = grey.copy()
+    marked[2, 2] = 120
+    for name, picture in (("a.png", marked), ("b.png", grey[:4]), ("d.png", grey), ("untouched.png", grey)):
         Image.fromarray(picture).save(tmp_path / name)
     (tmp_path / "c.jpg").write_bytes(b"no picture")
     found = read_photographs([tmp_path])
     assert found.names == ["a.png"]
-    assert len(found.faults) == 2
+    assert len(found.faults) == 3
     assert "b.png: 6 x 4 pixels, the untouched one has 6 x 8" in found.faults[0]
     assert found.faults[1].startswith("c.jpg: cannot be read")
+    assert found.faults[2] == "d.png: of one colour all over. Left out."
+    with pytest.raises(InputError, match="elsewhere is not there"):
+        read_photographs([tmp_path / "elsewhere"])
     (tmp_path / "untouched.png").unlink()
     with pytest.raises(InputError, match="none of the untouched sensor"):
         read_photographs([tmp_path])

@@ -112,23 +112,30 @@ class NormalEquations:
         summed = self.matrix + other.matrix, self.right + other.right
         return NormalEquations(self.shape, *summed, self.count + other.count)
 
-    def solve(self, smoothness: float) -> PhotometricTable:
-        """Return the table of least squared error, held smooth; `smoothness` as of `fit_table`."""
+    def solve(self, smoothness: float, uniformity: float = 0.0) -> PhotometricTable:
+        """Return the table of least squared error, held smooth; `smoothness` as of `fit_table`.
+
+        `uniformity` is the weight of the mean squared difference between how a node depends on the place and
+        how the untouched gel does: a slope then changes the gel everywhere alike.
+        """
         from scipy.sparse.linalg import spsolve
 
-        solution = spsolve(self._smoothed(smoothness), self.right / self.count)
+        solution = spsolve(self._smoothed(smoothness, uniformity), self.right / self.count)
         nodes = solution.reshape(-1, TERMS, CHANNELS)[_unknowns(self.shape).reshape(self.shape)]
         return PhotometricTable(np.moveaxis(nodes, 3, 0).astype(np.float16))
 
-    def spread(self, smoothness: float) -> np.ndarray:
+    def spread(self, smoothness: float, uniformity: float = 0.0) -> np.ndarray:
         """Deviation (slopes, directions) of the values at the gel's middle, for one of a pixel."""
-        inverse = np.linalg.inv(self._smoothed(smoothness).toarray()) / self.count
+        inverse = np.linalg.inv(self._smoothed(smoothness, uniformity).toarray()) / self.count
         constant = np.sqrt(np.maximum(np.diag(inverse)[::TERMS], 0.0))
         return np.asarray(constant[_unknowns(self.shape)].reshape(self.shape))
 
-    def _smoothed(self, smoothness: float) -> Any:
+    def _smoothed(self, smoothness: float, uniformity: float) -> Any:
         bending = _second_differences(self.shape, _unknowns(self.shape), self.matrix.shape[0]).tocsr()
         held = smoothness / bending.shape[0] * (bending.T @ bending)
+        if uniformity:
+            uneven = _place_differences(self.matrix.shape[0])
+            held = held + uniformity / uneven.shape[0] * (uneven.T @ uneven)
         return (self.matrix / self.count + held).tocsc()
 
 
@@ -248,3 +255,14 @@ def _second_differences(shape: tuple[int, int], unknown: np.ndarray, count: int)
     row = np.broadcast_to(np.arange(len(column))[:, None], column.shape)
     entry = np.broadcast_to(np.array([1.0, -2.0, 1.0]), column.shape)
     return coo_array((entry.ravel(), (row.ravel(), column.ravel())), (len(column), count))
+
+
+def _place_differences(count: int) -> Any:
+    """Sparse matrix of the difference of each coefficient of the place from the untouched gel's."""
+    from scipy.sparse import coo_array
+
+    unknown = np.arange(count)
+    chosen = unknown[(unknown >= TERMS) & (unknown % TERMS > 0)]
+    row, one = np.arange(len(chosen)), np.ones(len(chosen))
+    entry, column = np.concatenate([one, -one]), np.concatenate([chosen, chosen % TERMS])
+    return coo_array((entry, (np.tile(row, 2), column)), (len(chosen), count)).tocsr()

@@ -22,12 +22,15 @@ from objectfolder.touch.sensor.gel import gel_sag
 from objectfolder.touch.sensor.sensor import Sensor
 
 SHAPE = (13, 24)
-# Weights of smoothness among which the photographs that are fitted choose, by leaving some out in turn.
-SMOOTHNESS = (1e-3, 1e-2, 1e-1, 1.0)
+# Weights among which the photographs that are fitted choose, by leaving some out in turn.
+SMOOTHNESS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+UNIFORMITY = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 FOLDS = 3
 # Of the contact's radius: what lies farther from every mark is untouched gel.
 UNTOUCHED = 2.2
 LEAST_PRINTS = 3
+# Of the ball's radius in a photograph.
+LEAST_BALL_PIXELS = 8.0
 ALIKE_PIXELS = 4.0
 
 
@@ -54,8 +57,9 @@ class OwnCalibration:
         (m,) of the same: by the untouched picture, and by the mean of the others' patches.
     repeatability
         (k,) of pairs of photographs of nearly one press.
-    smoothness
-        Weight of smoothness of the table.
+    smoothness, uniformity
+        Weights of the table's smoothness, and of its changes' being alike at all places: few photographs
+        choose a high one.
     """
 
     sensor: Sensor
@@ -68,6 +72,7 @@ class OwnCalibration:
     mean_patch: np.ndarray
     repeatability: np.ndarray
     smoothness: float
+    uniformity: float
 
 
 def calibrate(
@@ -90,7 +95,8 @@ def calibrate(
     Raises
     ------
     InputError
-        Fewer than `LEAST_PRINTS` photographs with a circle, or a ball larger than the gel.
+        Fewer than `LEAST_PRINTS` photographs with a circle, or a ball larger than the gel or the picture, or
+        too small in it.
 
     Examples
     --------
@@ -115,6 +121,10 @@ def calibrate(
     except ValueError as error:
         raise InputError("sensor", str(error), "Give its magnification, or another sensor.") from error
     scale = pixels_per_metre(sensor)
+    if not LEAST_BALL_PIXELS <= ball_m * scale <= max(sensor.image_height, sensor.image_width):
+        size = f"{sensor.image_width} x {sensor.image_height}"
+        finding = f"{2e3 * ball_m:g} mm are {2 * ball_m * scale:.3g} pixels of pictures of {size}"
+        raise InputError("ball", finding, "Give its diameter in millimetres, or the right magnification.")
     unpressed = _session(photographs, untouched, [])
     prints = find_prints(photographs - unpressed, ball_m * scale)
     unpressed = _session(photographs, untouched, prints)
@@ -126,12 +136,12 @@ def calibrate(
     unmarked = np.clip(np.rint(unpressed), 0, 255).astype(np.uint8)
     fit = _Fit(photographs, unmarked, sensor, ball_m, prints)
     held_out, others = marked[1::2], marked[::2]
-    smoothness = fit.smoothness(others)
-    errors = fit.errors(others, held_out, smoothness)
+    weights = fit.weights(others)
+    errors = fit.errors(others, held_out, *weights)
     whole = fit.equations(marked)
-    table = whole.solve(smoothness)
+    table = whole.solve(*weights)
     shown_deg = max(np.degrees(np.arcsin(fit.circle(index).radius / (ball_m * scale))) for index in marked)
-    spread = whole.spread(smoothness)
+    spread = whole.spread(*weights)
     rows = np.linspace(0, 90, SHAPE[0]) <= shown_deg
     level = np.sqrt(np.mean([_square(part) for part in errors]))
     return OwnCalibration(
@@ -144,7 +154,7 @@ def calibrate(
         _psnr([(photographs[index] - unpressed)[fit.disc(index)] for index in held_out]),
         _psnr(_from_mean_patch(photographs, fit, others, held_out)),
         _psnr(_between_alike(photographs, fit, marked)),
-        smoothness,
+        *weights,
     )
 
 
@@ -217,27 +227,33 @@ class _Fit:
             total = total + self._of[index]
         return total
 
-    def errors(self, chosen: Sequence[int], others: Sequence[int], smoothness: float) -> list[np.ndarray]:
+    def errors(
+        self, chosen: Sequence[int], others: Sequence[int], smoothness: float, uniformity: float
+    ) -> list[np.ndarray]:
         """Errors (pixels, 3), grey levels, in the circles of others by the table of those chosen."""
-        table = self.equations(chosen).solve(smoothness)
+        table = self.equations(chosen).solve(smoothness, uniformity)
         sensor = replace(_plain(self._sensor), photometric_table=table)
         return [
             (ball_image(sensor, *self.place(index), self._ball) - self._photographs[index])[self.disc(index)]
             for index in others
         ]
 
-    def smoothness(self, chosen: Sequence[int]) -> float:
-        """Weight by which those chosen are best explained, each by a table of others of them."""
+    def weights(self, chosen: Sequence[int]) -> tuple[float, float]:
+        """Smoothness and uniformity by which those chosen are best explained, each by others of them."""
         folds = [chosen[start::FOLDS] for start in range(min(FOLDS, len(chosen)))]
 
-        def error(weight: float) -> float:
+        def error(smoothness: float, uniformity: float) -> float:
             return sum(
                 _square(part)
                 for fold in folds
-                for part in self.errors([index for index in chosen if index not in fold], fold, weight)
+                for part in self.errors(
+                    [index for index in chosen if index not in fold], fold, smoothness, uniformity
+                )
             )
 
-        return min(SMOOTHNESS, key=error)
+        smoothness = min(SMOOTHNESS, key=lambda weight: error(weight, UNIFORMITY[2]))
+        uniformity = min(UNIFORMITY, key=lambda weight: error(smoothness, weight))
+        return min(SMOOTHNESS, key=lambda weight: error(weight, uniformity)), uniformity
 
 
 def _session(photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Print | str]) -> np.ndarray:
