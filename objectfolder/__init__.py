@@ -124,6 +124,7 @@ def build(
     wall_m: float | None = None,
     shell_m: float | None = None,
     mass_kg: float | None = None,
+    up: str | None = None,
     silent: bool = False,
     overwrite: bool = False,
     any_size: bool = False,
@@ -151,6 +152,8 @@ def build(
         metres.
     mass_kg
         The mass where it is known, as a check and for simulators.
+    up
+        Axis of the mesh that is up, ``"x"``, ``"y"`` or ``"z"``; y for glTF and z for all others if None.
     silent
         Leave sound out.
     overwrite
@@ -193,6 +196,7 @@ def build(
         wall_m=wall_m,
         shell_m=shell_m,
         mass_kg=mass_kg,
+        up=up,
         silent=silent,
         overwrite=overwrite,
         any_size=any_size,

@@ -12,6 +12,7 @@ from pathlib import Path
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import check_stated_length
 from objectfolder.mesh.readers.files import is_file
+from objectfolder.mesh.up_axis import check_up_axis
 
 AS_IN_FILE = "as in file"
 """Value of `length_m` for a mesh whose own unit is the metre."""
@@ -52,6 +53,8 @@ class ObjectRecord:
     shell_m
         Thickness in metres of the wall, for its sound, of a closed container that the scan has as solid. Not
         together with `wall_m`.
+    up
+        Axis of the mesh that is up, x, y or z; None takes y for glTF, z for all others.
     mass_kg
         As measured, where it is known. It is that of simulators' assets; sound keeps the material's density.
     senses
@@ -76,6 +79,7 @@ class ObjectRecord:
     mass_kg: float | None = None
     source_id: str = ""
     senses: tuple[str, ...] = SENSES
+    up: str | None = None
 
 
 @dataclass(frozen=True)
@@ -268,6 +272,7 @@ def _record(
         shell_m=shell_m,
         mass_kg=_positive(row.get("mass_kg", ""), f"{where}, field mass_kg", "kilograms"),
         source_id=source_id,
+        up=_up(row.get("up", ""), f"{where}, field up"),
         senses=_senses(row.get("senses", ""), f"{where}, field senses"),
     )
     # Last: a row that only waits for its files has no other fault.
@@ -326,6 +331,11 @@ def _fraction(text: str, where: str) -> float | None:
     if not 0 <= value <= 1:
         raise InputError(where, f"{text!r} is not a number in 0..1", "Correct it, or leave it empty")
     return value
+
+
+def _up(text: str, where: str) -> str | None:
+    check_up_axis(text.lower() or None, where)
+    return text.lower() or None
 
 
 def _senses(text: str, where: str) -> tuple[str, ...]:

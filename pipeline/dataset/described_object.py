@@ -45,6 +45,8 @@ class DescribedObject:
         0..1 (default: the material's)
     mass_kg
         mass in kilograms where it is known: a check, and the mass for simulators
+    up
+        axis of the file that is up: x, y or z (default: y for glTF, z for all others)
     silent
         leave sound out: it is seen and felt
     """
@@ -63,6 +65,7 @@ class DescribedObject:
     roughness: float | None = None
     metallic: float | None = None
     mass_kg: float | None = None
+    up: str | None = None
     silent: bool = False
 
     @property
@@ -74,6 +77,9 @@ class DescribedObject:
 
     def check(self) -> None:
         """Raise `InputError` for an absent file, a number that cannot be, or two that exclude each other."""
+        from objectfolder.mesh.up_axis import check_up_axis
+
+        check_up_axis(self.up, "--up")
         for option, path in (("MESH", self.mesh), ("--texture", self.texture)):
             if path is not None and not path.is_file():
                 raise InputError(f"{option} {path}", "no such file", "Correct the path")

@@ -153,7 +153,7 @@ def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
     elsewhere = (*appearance, *CONTACT_RANGES, "citation", "contact_citation", "loss_citation")
     physical = {key: value for key, value in asdict(material).items() if key not in elsewhere}
     return {
-        **{name: getattr(record, name) for name in ("name", "mesh", "texture", "length_m", *STATED)},
+        **{name: getattr(record, name) for name in ("name", "mesh", "texture", "length_m", "up", *STATED)},
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],
         "material": physical,
         "material_citation": material.citation,

@@ -27,7 +27,7 @@ STAGES = {
             "pipeline.tasks.objects:prepare_object",
             (OBJECTS,),
             sources=sources,
-            fields=("length_m", "file_names"),
+            fields=("length_m", "file_names", "up"),
             packages=("DracoPy", "embreex", "numpy", "Pillow", "scipy", "zarr"),
             tolerances=TOLERANCES["objects"],
         ),

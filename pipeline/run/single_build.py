@@ -164,6 +164,7 @@ def _record(building: Building, output: Path) -> "ObjectRecord":
         texture=building.texture.resolve() if building.texture else None,
         material=building.material,
         length_m=building.length_m,
+        up=building.up,
         source=building.source,
         licence=building.licence,
         attribution=building.attribution,

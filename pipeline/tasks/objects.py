@@ -15,4 +15,5 @@ def prepare_object(request: Request) -> Product:
         texture_path=texture,
         length_m=request.record["length_m"],
         object_id=request.object_id,
+        up=request.record.get("up"),  # records of earlier versions have none
     )

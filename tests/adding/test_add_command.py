@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from small_meshes import write_textured_cube
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
 from pipeline.cli import main
+from pipeline.dataset.records import row_of
 from pipeline.intake.add import addition
 from pipeline.intake.add.addition import Wanted, check_object, put_object
 from pipeline.intake.add.table_rows import read_table
@@ -47,6 +49,18 @@ def records(table: Path) -> dict:
 
 def wanted(mesh: Path, **more: object) -> Wanted:
     return Wanted(mesh=mesh, material="ceramic", licence="CC0-1.0", materials=MATERIALS, **more)
+
+
+def test_an_axis_that_is_up_stands_in_the_row(tmp_path, capsys):
+    write_textured_cube(tmp_path / "cup")
+    table = tmp_path / "table.csv"
+    words = ["add", str(tmp_path / "cup" / "model.obj"), "--material", "wood", "--licence", "CC0-1.0"]
+    words += ["--table", str(table), "--no-preview"]
+    assert main([*words, "--up", "w"]) == 2
+    assert main([*words, "--up", "y"]) == 0
+    assert "up           y of the file" in capsys.readouterr().out
+    (record,) = read_catalogue(table, ["wood"]).records
+    assert row_of(record, read_materials(MATERIALS)["wood"])["up"] == record.up == "y"
 
 
 def test_an_object_is_checked_copied_pictured_and_listed(tmp_path, capsys):

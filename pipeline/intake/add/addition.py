@@ -137,9 +137,13 @@ def check_object(wanted: Wanted) -> Checked:
     wanted.check()
     where = f"{object_id} ({wanted.mesh})"
     if wanted.length_m is None:
-        check_unit(where, float(load_mesh(wanted.mesh, with_textures=False).extents.max()))
+        check_unit(where, float(load_mesh(wanted.mesh, with_textures=False, up=wanted.up).extents.max()))
     product = ingest_object(
-        wanted.mesh, texture_path=wanted.texture, length_m=wanted.length_m, object_id=object_id
+        wanted.mesh,
+        texture_path=wanted.texture,
+        length_m=wanted.length_m,
+        object_id=object_id,
+        up=wanted.up,
     )
     if not wanted.attribution and licence not in WITHOUT_NAMING:
         finding = f"{licence} asks for the author to be named"
@@ -170,6 +174,7 @@ def _row(wanted: Wanted, object_id: str, material: str, licence: str) -> dict[st
         "source": wanted.source,
         "licence": licence,
         "attribution": wanted.attribution or "",
+        "up": wanted.up or "",
         "senses": " ".join(wanted.senses) if wanted.silent else "",
     }
     for column in ("roughness", "metallic", "wall_m", "shell_m", "mass_kg"):

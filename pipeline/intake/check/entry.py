@@ -162,7 +162,7 @@ def measure(record: ObjectRecord) -> Shape:
         Files that the factory cannot use.
     """
     where = f"{record.id} ({record.mesh.name})"
-    cleaned, report = clean(load_mesh(record.mesh, record.texture), where)
+    cleaned, report = clean(load_mesh(record.mesh, record.texture, up=record.up), where)
     extents = tuple(float(side) for side in cleaned.extents)
     mesh, _ = with_length(cleaned, record.length_m, where)
     return Shape(
