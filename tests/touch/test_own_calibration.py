@@ -11,9 +11,10 @@ from touch_shapes import sphere
 from objectfolder.errors import InputError
 from objectfolder.surface.surface import Surface
 from objectfolder.touch import Press, calibrate, press, read_sensor
+from objectfolder.touch.sensor import own_calibration
 from objectfolder.touch.sensor.ball_prints import Print, find_prints
 from objectfolder.touch.sensor.camera import no_contact_image
-from objectfolder.touch.sensor.own_calibration import pixels_per_metre
+from objectfolder.touch.sensor.own_calibration import OwnCalibration, pixels_per_metre
 from objectfolder.touch.truth.press import render_poses
 from pipeline.cli import main
 from pipeline.intake.sensor_photographs import read_photographs
@@ -101,13 +102,20 @@ def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_sensor_that_is_read(photographs, tmp_path: Path, capsys) -> None:
+def test_the_command_writes_a_sensor_that_is_read(photographs, tmp_path: Path, capsys, monkeypatch) -> None:
     images, untouched = photographs
     for index, picture in enumerate(images):
         Image.fromarray(picture).save(tmp_path / f"{index}.png")
     Image.fromarray(untouched).save(tmp_path / "background.png")
     mine = tmp_path / "mine.yaml"
     given = [str(tmp_path), "--ball", "8", "--sensor", "digit-tacto", "-o", str(mine)]
+    results: list[OwnCalibration] = []
+
+    def calibrate_once(*args: object, **options: object) -> OwnCalibration:
+        results.extend([] if results else [calibrate(*args, **options)])
+        return results[0]
+
+    monkeypatch.setattr(own_calibration, "calibrate", calibrate_once)
     assert main(["calibrate", *given]) == 0
     said = capsys.readouterr().out
     assert "15 of 15 photographs used" in said

@@ -1,10 +1,12 @@
 """The compiled renderer against OpenGL's. Needs EGL (libegl1 and Mesa): without it these fail, and say so."""
 
+import os
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -126,15 +128,16 @@ def test_a_data_set_by_pyrender_has_the_labels_of_the_compiled_and_its_own_image
     assert measure_renderers(compiled) == {}
 
 
+def simulate_without_driver() -> None:
+    with mock.patch.dict(os.environ, EGL_DEVICE_ID="99"):
+        simulate("pyrender")
+
+
 def test_a_machine_without_a_driver_or_pyrender_says_so_in_a_line(
-    monkeypatch: pytest.MonkeyPatch,
+    pool: ProcessPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("EGL_DEVICE_ID", "99")
-    with (
-        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as bare,
-        pytest.raises(SimulationError, match=r"^pyrender: no OpenGL through EGL .*libegl1"),
-    ):
-        bare.submit(simulate, "pyrender").result()
+    with pytest.raises(SimulationError, match=r"^pyrender: no OpenGL through EGL .*libegl1"):
+        pool.submit(simulate_without_driver).result()
     monkeypatch.setitem(sys.modules, "pyrender", None)
     with pytest.raises(MissingPackageError, match=r"pyrender: .*objectfolder-factory\[opengl\]"):
         simulate("pyrender")
