@@ -22,7 +22,7 @@ def module_command(module: str, *arguments: str) -> list[str]:
 
 
 def search_path() -> str:
-    """Return the `PYTHONPATH` by which a child finds this package, before what is there already."""
+    """Return the `PYTHONPATH` by which a child finds this package, before the paths that it lists already."""
     root = str(Path(__file__).resolve().parents[1])
     return os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
 

@@ -86,14 +86,14 @@ def measure_renderers(touches: Product) -> dict[str, float | None]:
     """
     if "compiled_rgb" not in touches:
         return {}
-    drawn = {name: touches[name][touches["held_out"]] for name in ("rgb", "mask", "depth")}
-    compiled = {name: touches[f"compiled_{name}"] for name in drawn}
-    found = measure_feel(compiled["rgb"], compiled["mask"], drawn["rgb"], drawn["mask"])
-    both, either = drawn["mask"] & compiled["mask"], drawn["mask"] | compiled["mask"]
-    difference = (drawn["depth"] - compiled["depth"])[both]
-    found["mask_iou"] = float(both.sum() / either.sum()) if either.any() else None
-    found["depth_rms_m"] = float(np.sqrt(np.mean(difference**2))) if both.any() else None
-    return {f"pyrender_{name}": value for name, value in found.items()}
+    opengl = {name: touches[name][touches["held_out"]] for name in ("rgb", "mask", "depth")}
+    compiled = {name: touches[f"compiled_{name}"] for name in opengl}
+    figures = measure_feel(compiled["rgb"], compiled["mask"], opengl["rgb"], opengl["mask"])
+    both, either = opengl["mask"] & compiled["mask"], opengl["mask"] | compiled["mask"]
+    difference = (opengl["depth"] - compiled["depth"])[both]
+    figures["mask_iou"] = float(both.sum() / either.sum()) if either.any() else None
+    figures["depth_rms_m"] = float(np.sqrt(np.mean(difference**2))) if both.any() else None
+    return {f"pyrender_{name}": value for name, value in figures.items()}
 
 
 def measure_reach(touches: Product) -> dict[str, float]:

@@ -258,7 +258,7 @@ class LiveTouch:
         forces = {body: _force_n(name, met[body]) for body in met}
         found = []
         for body in sorted(self._patches, key=lambda body: forces[body] @ frame[:3, 0]):
-            at_gel_m = [one.depth_m for one in met[body] if _at_gel(sensor, frame, one.point_m)]
+            at_gel_m = [contact.depth_m for contact in met[body] if _at_gel(sensor, frame, contact.point_m)]
             found.append((body, *self._met(body, name, frame, max(at_gel_m, default=0.0))))
         body, pose, near, advanced_m = max(found, key=lambda one: one[2].greatest)  # the first of equals
         if near.greatest > saturation_depth_m(sensor) + TOLERANCE_M:

@@ -61,10 +61,10 @@ def _between_solid_cells(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         cells = np.flatnonzero(of_cell == number)
         outside = cells[np.argmin(enclosed[cells])]
         empty[outside] = True
-        others = cells[cells != outside]
+        inner_cells = cells[cells != outside]
         # Wound as the outside is, all around: the file says that it is hollow.
-        seen = backs if fronts[outside] >= backs[outside] else fronts
-        empty[others[(seen[others] == 0) & (enclosed[others] != 0)]] = True
+        inward = backs if fronts[outside] >= backs[outside] else fronts
+        empty[inner_cells[(inward[inner_cells] == 0) & (enclosed[inner_cells] != 0)]] = True
     return ~empty[cell].any(axis=1)
 
 

@@ -17,14 +17,14 @@ OPEN_SHARE = 0.05  # of a solid's outside, from which on openings of its surface
 
 def shape_warnings(report: dict[str, Any]) -> list[str]:
     """What is doubtful by the report of a solid."""
-    found = [f"the solid that rings is doubtful: {doubt}" for doubt in report.get("doubts", ())]
+    doubts = [f"the solid that rings is doubtful: {doubt}" for doubt in report.get("doubts", ())]
     share = report.get("closing_share", 0.0)
     if share > OPEN_SHARE:
-        found.append(
+        doubts.append(
             f"{share:.0%} of the solid's outside closes openings of the surface: it rings as if it were "
             "filled. State wall_m if it is a sheet, shell_m if it is a container"
         )
-    return found
+    return doubts
 
 
 def volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:

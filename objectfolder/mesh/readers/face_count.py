@@ -36,8 +36,8 @@ def face_count(path: Path) -> int:
         if suffix == ".obj":
             return sum(block.count(b"\nf ") + block.count(b"\nf\t") for block in _blocks(path))
         if suffix == ".ply":
-            found = _PLY_FACES.search(head.replace(b"\r", b"\n"))
-            return int(found[1]) if found else 0
+            match = _PLY_FACES.search(head.replace(b"\r", b"\n"))
+            return int(match[1]) if match else 0
         if suffix == ".stl":
             count = int.from_bytes(head[80:84], "little")
             return count if path.stat().st_size >= 84 + 50 * count else 0
@@ -66,9 +66,9 @@ def _gltf_faces(path: Path, head: bytes) -> int:
         file.seek(start)
         header = json.loads(file.read(size).decode("utf-8-sig"))
     accessors = header["accessors"]
-    primitives = [one for mesh in header["meshes"] for one in mesh["primitives"]]
+    primitives = [primitive for mesh in header["meshes"] for primitive in mesh["primitives"]]
     return sum(
-        int(accessors[one.get("indices", one["attributes"]["POSITION"])]["count"]) // 3
-        for one in primitives
-        if one.get("mode", 4) == 4
+        int(accessors[primitive.get("indices", primitive["attributes"]["POSITION"])]["count"]) // 3
+        for primitive in primitives
+        if primitive.get("mode", 4) == 4
     )

@@ -263,6 +263,6 @@ def _place_differences(count: int) -> Any:
 
     unknown = np.arange(count)
     chosen = unknown[(unknown >= TERMS) & (unknown % TERMS > 0)]
-    row, one = np.arange(len(chosen)), np.ones(len(chosen))
-    entry, column = np.concatenate([one, -one]), np.concatenate([chosen, chosen % TERMS])
+    row, ones = np.arange(len(chosen)), np.ones(len(chosen))
+    entry, column = np.concatenate([ones, -ones]), np.concatenate([chosen, chosen % TERMS])
     return coo_array((entry, (np.tile(row, 2), column)), (len(chosen), count)).tocsr()

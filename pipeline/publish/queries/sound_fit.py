@@ -106,12 +106,12 @@ def fit_sounds(
         "derivatives": body.derivatives_s,
         "fit": time.process_time() - fitting,
     }
-    for name, partials_of_one in zip(names, own, strict=True):
-        near = partials_near_modes(partials_of_one, fit)
-        if near < FEWEST_SHARE * len(partials_of_one):
+    for name, recording_partials in zip(names, own, strict=True):
+        near = partials_near_modes(recording_partials, fit)
+        if near < FEWEST_SHARE * len(recording_partials):
             warnings.append(
-                f"{name}: {near} of {len(partials_of_one)} partials are within {LEAST_ALONE_CENTS:.0f} cents "
-                "of a mode of the fit: is it of another object?"
+                f"{name}: {near} of {len(recording_partials)} partials are within {LEAST_ALONE_CENTS:.0f} "
+                "cents of a mode of the fit: is it of another object?"
             )
     if fit.decay is None:
         warnings.append(
