@@ -82,7 +82,7 @@ def stages(bar: Path) -> dict[str, dict[str, object]]:
     described = SimpleNamespace(
         mesh=bar, texture=None, senses=("vision", "audio", "touch"),
         **dict.fromkeys(("name", "source", "licence", "attribution"), ""),
-        **dict.fromkeys(("length_m", "roughness", "metallic", "wall_m", "shell_m", "mass_kg")),
+        **dict.fromkeys(("length_m", "up", "roughness", "metallic", "wall_m", "shell_m", "mass_kg")),
     )  # fmt: skip
     row = row_of(described, material)
     touch = {

@@ -123,6 +123,7 @@ def test_a_press_shows_the_packages_touch(live):
 
 def test_the_python_is_copied(live):
     page = live.page
+    at_rest(page)  # a finer image changes the resolution that the code names
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     page.get_by_text("The same in Python").click()
     page.get_by_role("button", name="Copy").click()
