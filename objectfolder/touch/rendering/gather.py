@@ -100,7 +100,7 @@ def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose
                 size = doubled_area[face] * abs(inverse[face])
                 area += distance * distance * distance * size * members
                 seen += one
-    return int(seen), area
+    return np.int64(seen), area
 
 
 def gather_samples(

@@ -15,6 +15,7 @@ What faces away from a lamp is dark by its shading, and is left as it is here.
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -62,14 +63,40 @@ class ShadowCaster:
         depth
             (height, width) float32, metres: how far the membrane is pressed in.
         """
-        _darken(rgb, self._light(depth))
+        if (light := self._light(depth)) is not None:
+            _darken(rgb, light)
 
     def light(self, depth: np.ndarray) -> np.ndarray:
         """Share (height, width, 3) float32 of each value that the shadows leave; `depth` as of `cast`."""
-        return self._light(depth).reshape(*depth.shape, 3)
+        light = self._light(depth)
+        return np.ones((*depth.shape, 3), np.float32) if light is None else light.reshape(*depth.shape, 3)
 
-    def _light(self, depth: np.ndarray) -> np.ndarray:
-        return np.asarray(_light(depth, self.gel_depth, self.fans, self.lamps, self.shares, self.softness))
+    def _light(self, depth: np.ndarray) -> np.ndarray | None:
+        """Share (height * width, 3) that the shadows leave of values; None where nothing is pressed in."""
+        height, width = depth.shape
+        rows, columns = np.flatnonzero(depth.max(axis=1) > 0), np.flatnonzero(depth.max(axis=0) > 0)
+        if not len(rows):
+            return None
+        row_ends, column_ends = (int(rows[0]), int(rows[-1])), (int(columns[0]), int(columns[-1]))
+        light = np.ones((height * width, 3), np.float32)
+        nearness = np.float32(1) / (self.gel_depth - depth)
+        by_axis = [(nearness, depth)]
+        if self.fans[:, 1].any():
+            by_axis.append((np.ascontiguousarray(nearness.T), np.ascontiguousarray(depth.T)))
+        for index, axis, direction, tangent, step, count in self.fans.tolist():
+            row, column, near = self.lamps[int(index)].tolist()
+            if axis == 0:
+                lamp, ends, beside, strides = (row, column, near), row_ends, column_ends, (width, 1)
+            else:
+                lamp, ends, beside, strides = (column, row, near), column_ends, row_ends, (1, width)
+            first, number = _lines((direction, tangent, step, count), lamp, ends, beside)
+            if number:
+                _sweep(
+                    *by_axis[int(axis)], ends, int(direction), tangent + first * step, step, lamp,
+                    np.zeros((5, number + 2), np.float32), self.shares[int(index)], self.softness, light,
+                    *strides,
+                )  # fmt: skip
+        return light
 
 
 @lru_cache(maxsize=8)
@@ -105,32 +132,20 @@ def _fans(row: float, column: float, height: int, width: int) -> Iterator[tuple[
                 yield axis, direction, tangent.min(), step, np.ceil(np.ptp(tangent) / step) + 1
 
 
-@kernel
-def _extent(depth):
-    """First and last row and column of what is pressed in; the last before the first where nothing is."""
-    top, bottom, left, right = depth.shape[0], -1, depth.shape[1], -1
-    for i in range(depth.shape[0]):
-        for j in range(depth.shape[1]):
-            if depth[i, j] > 0:
-                top, bottom = min(top, i), max(bottom, i)
-                left, right = min(left, j), max(right, j)
-    return top, bottom, left, right
+def _lines(
+    fan: tuple[float, ...], lamp: tuple[float, ...], ends: tuple[int, int], beside: tuple[int, int]
+) -> tuple[int, int]:
+    """First line of a fan that what is pressed in may meet, and how many there are.
 
-
-@kernel
-def _lines(fan, lamp, box):
-    """First line of a fan that what is pressed in may meet, and how many there are."""
-    last = int(fan[5]) - 1
-    nearest = min((box[0] - lamp[0]) * fan[2], (box[1] - lamp[0]) * fan[2])
-    if nearest < 1:
+    It lies in the rows `ends` and the columns `beside`, first and last.
+    """
+    direction, tangent, step, count = fan
+    last = int(count) - 1
+    if min((end - lamp[0]) * direction for end in ends) < 1:
         return 0, last + 1
-    least, most = np.inf, -np.inf
-    for row in (box[0], box[1]):
-        for column in (box[2], box[3]):
-            line = ((column - lamp[1]) / abs(row - lamp[0]) - fan[3]) / fan[4]
-            least, most = min(least, line), max(most, line)
-    first = min(max(int(np.floor(least)) - 1, 0), last)
-    return first, max(min(int(np.ceil(most)) + 1, last) - first + 1, 0)
+    met = [((column - lamp[1]) / abs(row - lamp[0]) - tangent) / step for row in ends for column in beside]
+    first = min(max(math.floor(min(met)) - 1, 0), last)
+    return first, max(min(math.ceil(max(met)) + 1, last) - first + 1, 0)
 
 
 @kernel
@@ -142,7 +157,8 @@ def _follow(near, pressed, start, spacing, low, high, inverse, lamp_nearness, ne
     one, half, last = np.float32(1), np.float32(0.5), np.int32(len(near) - 2)
     for k in range(np.uint64(low), np.uint64(high + 1)):
         place = start + spacing * np.float32(np.int32(k))
-        whole = min(np.int32(place), last)
+        whole = np.int32(place)
+        whole = whole if whole < last else last
         r, j = place - np.float32(whole), np.uint64(whole)
         n = (one - r) * near[j] + r * near[j + np.uint64(1)]
         slope = (n - lamp_nearness) * inverse
@@ -191,20 +207,25 @@ def _take(light, at, step, share, dark, first, pitch, low, high):
 
 
 @kernel
-def _sweep(nearness, depth, box, fan, lamp, share, softness, light, stride, step):
+def _sweep(
+    nearness, depth, ends, direction, tangent, step, lamp, lines, share, softness, light, stride, pixel
+):
     """Darken `light` (pixels, 3) by a fan that is swept row by row.
 
-    Of `light`, rows are `stride` pixels apart and columns `step`.
+    What is pressed in lies in the rows `ends`, first and last. Of `light`, rows are `stride` pixels apart
+    and columns `pixel`. `tangent` is that of the first of the lines, for which `lines` (5, number + 2) has
+    room.
     """
     height, width = nearness.shape
-    first, count = _lines(fan, lamp, box)
-    direction, lamp_nearness = int(fan[2]), np.float32(lamp[2])
-    start, past = (box[0], box[1]) if direction > 0 else (box[1], box[0])
-    horizons, slopes = np.full(count, -np.inf, np.float32), np.full(count, -np.inf, np.float32)
-    tops, along = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    lamp_nearness, count = np.float32(lamp[2]), lines.shape[1] - 2
+    start, past = (ends[0], ends[1]) if direction > 0 else (ends[1], ends[0])
+    horizons, slopes, tops, along, dark = lines[0], lines[1], lines[2], lines[3], lines[4]
+    horizons[:] = -np.inf
+    slopes[:] = -np.inf
     # Beside the outermost lines nothing is dark.
-    dark = np.zeros(count + 2, np.float32)
-    row = min(max(start - direction, 0), height - 1)
+    row = start - direction
+    if row < 0 or row >= height:
+        row = start
     while 0 <= row < height:
         distance, over = (row - lamp[0]) * direction, (row - past) * direction > 0
         at = row
@@ -212,9 +233,10 @@ def _sweep(nearness, depth, box, fan, lamp, share, softness, light, stride, step
         if distance <= 0:
             continue
         # Column of the first line, and columns between lines.
-        begin, spacing = lamp[1] + (fan[3] + first * fan[4]) * distance, fan[4] * distance
-        low = max(int(np.ceil(-begin / spacing)), 0)
-        high = min(int(np.floor((width - 1 - begin) / spacing)), count - 1)
+        begin, spacing = lamp[1] + tangent * distance, step * distance
+        least, most = np.ceil(-begin / spacing), np.floor((width - 1 - begin) / spacing)
+        low = np.int64(least if least > 0 else 0.0)
+        high = np.int64(most if most < count - 1 else count - 1.0)
         if low > high:
             continue
         dark[:] = 0
@@ -223,42 +245,23 @@ def _sweep(nearness, depth, box, fan, lamp, share, softness, light, stride, step
             nearness[at], depth[at], np.float32(begin), np.float32(spacing), low, high,
             np.float32(1) / far, lamp_nearness, along, slopes, dark,
         )  # fmt: skip
-        _advance(
-            along, horizons, tops, dark, low, high, far, lamp_nearness, softness[0], softness[1], over
-        )  # fmt: skip
-        if dark.max() > 0:
-            left = max(np.ceil(begin), np.ceil(lamp[1] - distance), 0.0)
-            right = min(np.floor(begin + count * spacing), np.floor(lamp[1] + distance), width - 1.0)
+        _advance(along, horizons, tops, dark, low, high, far, lamp_nearness, softness[0], softness[1], over)
+        darkest = np.float32(0)
+        for k in range(low, high + 1):
+            if dark[k] > darkest:
+                darkest = dark[k]
+        if darkest > 0:
+            left, right = np.ceil(begin), np.floor(begin + count * spacing)
+            nearest, farthest = np.ceil(lamp[1] - distance), np.floor(lamp[1] + distance)
+            left = left if left > nearest else nearest
+            right = right if right < farthest else farthest
+            left, right = left if left > 0 else 0.0, right if right < width - 1 else width - 1.0
             _take(
-                light, np.uint64(at * stride), np.uint64(step), share, dark, np.float32(-begin / spacing),
-                np.float32(1 / spacing), int(left), int(right),
+                light, np.uint64(at * stride), np.uint64(pixel), share, dark, np.float32(-begin / spacing),
+                np.float32(1 / spacing), np.int64(left), np.int64(right),
             )  # fmt: skip
         elif over:
             break
-
-
-@kernel
-def _light(depth, gel_depth, fans, lamps, shares, softness):
-    """Share (height * width, 3) of each value that the shadows leave."""
-    height, width = depth.shape
-    light = np.ones((height * width, 3), np.float32)
-    box = _extent(depth)
-    if box[1] < 0:
-        return light
-    nearness = np.float32(1) / (gel_depth - depth)
-    across, deep = nearness, depth
-    if fans[:, 1].max() > 0:
-        across, deep = nearness.T.copy(), depth.T.copy()
-    for fan in fans:
-        index = int(fan[0])
-        row, column, near = lamps[index]
-        if fan[1] == 0:
-            lamp = row, column, near
-            _sweep(nearness, depth, box, fan, lamp, shares[index], softness, light, width, 1)
-        else:
-            lamp, sides = (column, row, near), (box[2], box[3], box[0], box[1])
-            _sweep(across, deep, sides, fan, lamp, shares[index], softness, light, 1, width)
-    return light
 
 
 @kernel

@@ -177,7 +177,7 @@ def _shade(
     # Indices that cannot be negative are not tested for it.
     block, end = np.uint64(BLOCK), np.uint64(count)
     for start in range(np.uint64(0), end, block):
-        size = min(block, end - start)
+        size = block if block < end - start else end - start
         for axis in range(3):
             row, place = np.uint64(POSITION + axis * BLOCK), positions[axis]
             for i in range(size):
