@@ -136,7 +136,7 @@ def test_a_stage_that_is_none_is_told_from_those_there_are(capsys: pytest.Captur
         (FileNotFoundError(errno.ENOENT, "", "x.npy"), 1, "x.npy: no such file. Check the path."),
         (PermissionError(errno.EACCES, "Permission denied", "x.npy"), 1, "x.npy: Permission denied."),
         (OSError(errno.ENOSPC, "No space left on device", "x.npy"), 1, "x.npy"),
-        (OSError(errno.ENOSPC, "No space left on device"), 1, tempfile.gettempdir()),
+        (OSError(errno.ENOSPC, "No space left on device"), 1, "full-folder"),
         (FileNotFoundError(errno.ENOENT, "No usable temporary directory found"), 1, "Set TMPDIR"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
@@ -152,6 +152,7 @@ def test_what_ends_a_command_decides_its_status_and_is_one_line(
         raise error
 
     monkeypatch.setattr(objectfolder, "load", fail)
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: "full-folder")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage(9, 0, 9 if folder == "." else 0))
     assert main(["info", "x.safetensors"]) == status
