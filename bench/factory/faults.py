@@ -23,13 +23,12 @@ from bench.record import REPOSITORY, RESULTS, arguments, conclude, save, stored,
 # What disturbs runs serves the tests as well; tests are no package, so their folder is put on the path first.
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
 
-from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, WORKER, Round, undisturbed
+from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, TASK_S, WORKER, Round, undisturbed
 from ground import Ground
 
 from bench.factory.faults_real import RealGround
 from objectfolder.mesh.starter.write import write_starter_set
 
-TASK_S = 0.2
 CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(8)}
 
 

@@ -97,13 +97,15 @@ class DaskRunner:
         self._marker.parent.mkdir(exist_ok=True)
         self._marker.touch()
         self._workers.listen()
-        self._client.register_plugin(self._plugin, self._plugin.name)
+        with _workers_may_die():
+            self._client.register_plugin(self._plugin, self._plugin.name)
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         # After an error the plugin stays, to end the child processes of tasks that are cancelled now.
         if error is None and not self._tasks:
-            self._client.unregister_worker_plugin(self._plugin.name)
+            with _workers_may_die():
+                self._client.unregister_worker_plugin(self._plugin.name)
         self._transfers.shutdown(cancel_futures=True)
         for task in self._tasks:
             if task.step is not None and hasattr(task.step, "release"):
@@ -269,6 +271,15 @@ class DaskRunner:
         self._tasks.remove(task)
         worker, host = (task.answer.worker, task.answer.host) if task.answer else ("", "")
         return Finished(task.job, outcome, worker, host, max(1, task.tries))
+
+
+def _workers_may_die() -> contextlib.AbstractContextManager[None]:
+    """Return a context for a change of plugins, which tells every worker.
+
+    Dask raises an error where a worker dies before it answers, though the change holds for the others and for
+    those to come. That the scheduler is gone shows at the next look.
+    """
+    return contextlib.suppress(OSError)
 
 
 def outcome_of(job: Job, error: BaseException) -> Outcome:

@@ -26,6 +26,8 @@ import os, sys
 os.environ["PATH"] = os.path.dirname(sys.executable) + os.pathsep + os.environ["PATH"]
 os.execv({str(REPOSITORY / "cluster" / "worker.sh")!r}, ["worker.sh", *sys.argv[1:]])
 """
+LONGER = 4.0  # than a toy's tasks: on a busy machine, a run of theirs is over before a kill comes
+TASK_S = 0.2 * LONGER
 MOST_RUNS = 3  # that may be needed besides one for each kill of a driver or scheduler
 
 
@@ -44,7 +46,7 @@ class Round:
         How long tasks take: a kill comes within that time of the beginning of one.
     """
 
-    def __init__(self, ground: Ground, place: str, seed: int, task_s: float = 0.2) -> None:
+    def __init__(self, ground: Ground, place: str, seed: int, task_s: float = TASK_S) -> None:
         self.ground = ground
         self.kills: list[Killed] = []
         self.moments: list[dict[str, Any]] = []
@@ -64,7 +66,7 @@ class Round:
                 if self._place == ADDRESS:
                     self._start_scheduler()
                     self._workers = [
-                        self.ground.start("-c", WORKER_SCRIPT, self._address, "--nthreads", "1") for _ in "ab"
+                        self._start("-c", WORKER_SCRIPT, self._address, "--nthreads", "1") for _ in "ab"
                     ]
                 for index, kind in enumerate(what):
                     self._kill_one(kind, len(what) - index)
@@ -126,8 +128,11 @@ class Round:
             self._driver = None
         if self._driver is None:
             given = {"OBJECTFOLDER_CLUSTER": self._address} if self._place == ADDRESS else {}
-            self._driver = self.ground.start(environment=given)
+            self._driver = self._start(**given)
         return self._driver
+
+    def _start(self, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
+        return self.ground.start(*arguments, environment={"PATIENCE": str(LONGER), **environment})
 
     def _kill_one(self, kind: str, kills_left: int) -> None:
         """Kill at a random moment of the remaining work, so that the other kills have their share of it."""
@@ -145,9 +150,9 @@ class Round:
             found = self._candidates(kind, driver)
             if not found:
                 continue
-            stood = sum(map(self.ground.stands, self.ground.works))
             with contextlib.suppress(psutil.NoSuchProcess):
                 self.kills.append(kill(self.ground, kind, self._chance.choice(found)))
+                stood = sum(map(self.ground.stands, self.ground.works))  # slow: not before the kill
                 self.moments.append(
                     {"executions_begun": begun + more, "then_s": round(delay_s, 4), "finished": stood}
                 )

@@ -55,7 +55,10 @@ RELEASE = pytest.mark.release("pipeline.run", "pipeline.cluster", "pipeline.sand
 def test_killed_at_random_moments(ground, objects, place, what):
     data_set, expected = ground(objects)
     disturbed = Round(data_set, place, seed=7)
-    disturbed.disturb(what)
+    try:
+        disturbed.disturb(what)
+    finally:
+        print((data_set.root / "output.log").read_text())
     assert disturbed.kills
     assert {name: found for name, found in disturbed.verdict(expected).items() if found} == {}
     assert disturbed.watcher.reads >= len(expected)
