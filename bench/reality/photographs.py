@@ -10,6 +10,7 @@ from bench.reality.row import Row
 from bench.record import cpu_seconds
 from objectfolder.surface.surface import Surface
 from objectfolder.touch import calibrate, read_sensor
+from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.ball_prints import Print
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.gel import gel_surface
@@ -36,7 +37,7 @@ def digit_rows(folder: Path) -> list[Row]:
     calibration = calibrate(pictures, untouched, sensor, BALL_M)
     calibration_s = cpu_seconds() - start
     rows = [_calibrated("DIGIT of FOTS", calibration, calibration_s)]
-    own = calibrate(pictures[::2], untouched, sensor, BALL_M).sensor
+    own, ball = calibrate(pictures[::2], untouched, sensor, BALL_M).sensor, _ball()
     for preset, simulated, fitted in (
         ("preset `digit`, no table", sensor, f"lights and shadows, {SECOND}"),
         ("calibrated by `objectfolder calibrate`", own, f"a table, {SECOND}"),
@@ -45,7 +46,7 @@ def digit_rows(folder: Path) -> list[Row]:
         start = cpu_seconds()
         score = np.array(
             [
-                _best_touch(simulated, pictures[index], calibration, circle)
+                _best_touch(ball, simulated, pictures[index], calibration, circle)
                 for index, circle in enumerate(calibration.prints)
                 if index % 2 and isinstance(circle, Print)
             ]
@@ -78,9 +79,9 @@ def gelsight_rows(folder: Path) -> list[Row]:
     return rows
 
 
-def _ball() -> Surface:
+def _ball() -> FacePatches:
     ball = icosphere(6, BALL_M)
-    return Surface(ball.vertices, ball.faces)
+    return FacePatches(Surface(ball.vertices, ball.faces))
 
 
 def _photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -111,10 +112,10 @@ def _calibrated(thing: str, calibration: OwnCalibration, cpu_s: float) -> Row:
 
 
 def _best_touch(
-    sensor: Sensor, photo: np.ndarray, calibration: OwnCalibration, circle: Print
+    ball: FacePatches, sensor: Sensor, photo: np.ndarray, calibration: OwnCalibration, circle: Print
 ) -> tuple[float, float, float]:
     """PSNR and correlation of the change of the best touch in the window, and PSNR of no touch."""
-    ball, untouched, empty = _ball(), calibration.untouched, no_contact_image(sensor)
+    untouched, empty = calibration.untouched, no_contact_image(sensor)
     row, column = round(circle.row), round(circle.column)
     window = (
         slice(max(row - WINDOW, 0), row + WINDOW),
