@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from objectfolder.touch.elastic.elastomer import Elastomer
     from objectfolder.touch.elastic.markers import Markers, moved_markers
     from objectfolder.touch.elastic.shear import Shear, solve_shear, unsheared
+    from objectfolder.touch.picture_force import PictureForce, force_of
     from objectfolder.touch.sensor.calibration import fit_table
     from objectfolder.touch.sensor.own_calibration import OwnCalibration, calibrate
     from objectfolder.touch.sensor.sensor import Sensor
@@ -25,6 +26,7 @@ else:
             "elastic.elastomer": ["Elastomer"],
             "elastic.markers": ["Markers", "moved_markers"],
             "elastic.shear": ["Shear", "solve_shear", "unsheared"],
+            "picture_force": ["PictureForce", "force_of"],
             "sensor.calibration": ["fit_table"],
             "sensor.own_calibration": ["OwnCalibration", "calibrate"],
             "sensor.sensor": ["Sensor"],
@@ -41,6 +43,7 @@ __all__ = [
     "Elastomer",
     "Markers",
     "OwnCalibration",
+    "PictureForce",
     "Press",
     "Sensor",
     "Shear",
@@ -49,6 +52,7 @@ __all__ = [
     "calibrate",
     "fit_table",
     "force_depth_curve",
+    "force_of",
     "make_table",
     "moved_markers",
     "press",

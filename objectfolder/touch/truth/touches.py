@@ -17,6 +17,8 @@ TOLERANCE_M = 1e-6
 DEFAULT_DEPTH_M = 0.001
 GREATEST_TILT_DEG, GREATEST_TURN_DEG = 45.0, 1e6
 GREATEST_FORCE_N = 1e6
+# Relative error of a force against a measured one, and how deep it was measured (docs/touch_elastic.md).
+FORCE_ERROR, MEASURED_DEPTH_M = 0.03, 0.002
 CONTACTS = ("rigid", "elastic")
 MOST_SHOWN = 8  # touches in a notebook
 
@@ -180,6 +182,16 @@ class Touches:
     saturated: NDArray[np.bool_]
     force_n: NDArray[np.float64]
     depth = renamed_attribute("depth_m")
+
+    @property
+    def force_error_n(self) -> NDArray[np.float64]:
+        """(n,) float64 newtons: how far `force_n` is expected to be off, with the gel's modulus as given.
+
+        3 % of it, as was measured with a ball in a GelSight Mini (docs/touch_elastic.md). Not a number where
+        it was not measured: deeper than 2 mm.
+        """
+        measured = self.penetration_m <= MEASURED_DEPTH_M + TOLERANCE_M
+        return np.where(measured, FORCE_ERROR * self.force_n, np.nan)
 
     def __repr__(self) -> str:
         count, height, width = self.mask.shape

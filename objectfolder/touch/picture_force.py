@@ -1,0 +1,181 @@
+"""Force from one picture of a gel: its colours give slopes, slopes a height map, the height map a pressure.
+
+Each pixel has the slopes whose shade is nearest to its colour (photometric stereo: Yuan, Dong & Adelson 2017,
+Sensors 17(12)). Steep ones cost a little: where a value saturates, or slopes change within a pixel, those of
+another shade may be nearest. Shadows are cast by the height map, and taken off. The pressure is that which
+moves the gel so where it is touched. Which level of the height map bounds the contact is not seen: it is the
+one whose gel has the slopes of the picture beside the contact as well. That gel bulges beyond it, which gives
+the map's zero.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dstn, idstn
+
+from objectfolder.errors import QueryError
+from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
+from objectfolder.touch.elastic.elastomer import Elastomer
+from objectfolder.touch.rendering.shadows import shadow_caster
+from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.gel import gel_slopes
+from objectfolder.touch.sensor.reading import checked_background
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.shading import shade
+
+Floats = NDArray[np.float64]
+BLOCK = 2  # pixels of a side that are averaged
+# Of a value that shows a touch, above rounding; of a shadow, that is taken off.
+CHANGE, LEAST_LIGHT = 0.6 / 255, 0.2
+SLOPES, STEEPEST, ROUNDS = 25, 1.2, 3
+# Of the contact's border, over the deepest displacement; and nearer ones round the best.
+LEVELS, NEARER = np.arange(0.05, 0.96, 0.1), np.arange(-0.05, 0.06, 0.025)
+# Cost of a slope, of what it changes on the untouched gel.
+FLATTENING, STEP, AT_A_TIME = 2e-3, 1e-3, 400_000
+UNEXPLAINED = 0.1  # of squared slopes: of round objects less is
+ERROR = 0.1  # relative: simulated touches of round objects are within 0.063 (docs/touch_elastic.md)
+
+
+class PictureForce(NamedTuple):
+    """Force along the sensor's axis, and how far it may be off, newtons."""
+
+    force_n: float
+    force_error_n: float
+
+
+def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
+    """Return the force that a picture of a sensor's gel shows.
+
+    It holds for one round object within the picture, without noise. The error is that of simulated touches,
+    and takes the gel's modulus as given: the force is proportional to it.
+
+    Parameters
+    ----------
+    picture
+        (height, width, 3) uint8, as a press shows it or laid over the untouched gel of the sensor's model.
+
+    Raises
+    ------
+    QueryError
+        Another size or type, a contact at the border of the picture, or one with steep walls (an edge, a flat
+        face, or less than shows), whose depth the picture does not tell.
+
+    Examples
+    --------
+    >>> from objectfolder.touch import Press, force_of, press, read_sensor
+    >>> from trimesh.creation import icosphere
+    >>> from objectfolder.surface.surface import Surface
+    >>> ball, sensor = icosphere(4, 0.006), read_sensor("digit-tacto")
+    >>> touch = press(Surface(ball.vertices, ball.faces), sensor, [[0, 0, 0.006]], Press(force_n=3.0))
+    >>> 2.7 < force_of(touch.rgb[0], sensor).force_n < 3.3
+    True
+    """
+    shape = sensor.image_height // BLOCK, sensor.image_width // BLOCK
+    whole = checked_background(picture, sensor)[: shape[0] * BLOCK, : shape[1] * BLOCK].astype(np.float64)
+    small = sensor.at_resolution(*shape)
+    seen = whole.reshape(shape[0], BLOCK, shape[1], BLOCK, 3).mean(axis=(1, 3)) / 255
+    changed = (np.abs(seen - ray_grid(small, 1).gel_values.reshape(seen.shape)) > CHANGE).any(axis=-1)
+    if not changed.any():
+        return PictureForce(0.0, 0.0)
+    shadows, height, light = shadow_caster(small), np.zeros(shape), np.ones(1)
+    for _ in range(ROUNDS):
+        place = _places(small, height)
+        slopes = _slopes(small, np.minimum(seen / light, 1.0), changed, place)
+        height = _height(*slopes)
+        height -= np.median(height[~changed]) if not changed.all() else 0.0
+        if shadows is not None:
+            light = np.maximum(shadows.light(np.maximum(height, 0).astype(np.float32)), LEAST_LIGHT)
+    contact, level, _ = _contact(small, height, slopes, place, LEVELS)
+    if contact.reaches_border:
+        raise QueryError("picture", "its contact reaches the border", "Press nearer the middle.")
+    if not changed.all():
+        height += np.median((contact.displacement_m - height)[~changed])
+    contact, _, unexplained = _contact(small, height, slopes, place, level + NEARER)
+    if level == LEVELS[0] or unexplained > UNEXPLAINED:
+        raise QueryError("picture", "its contact has steep walls or hardly shows", "Press something round.")
+    return PictureForce(contact.force_n, ERROR * contact.force_n)
+
+
+def _places(sensor: Sensor, height: Floats) -> Floats:
+    """Places (3, rows, columns) where pixels see a gel that is displaced by a height map."""
+    grid = ray_grid(sensor, 1)
+    v, u = np.meshgrid(grid.v, grid.u, indexing="ij")
+    along = grid.gel_depth.reshape(height.shape) - height
+    return np.asarray(sensor.camera_position_m)[:, None, None] + along * np.stack([np.ones_like(u), u, v])
+
+
+def _slopes(sensor: Sensor, seen: Floats, changed: NDArray[np.bool_], place: Floats) -> tuple[Floats, Floats]:
+    """Rises (rows, columns) of the displacement from row to row and from column to column, by colours."""
+    at, target = place[:, changed], seen[changed]
+    gel = np.stack(gel_slopes(sensor, at[1], at[2]))
+
+    def values(which: NDArray[np.intp], slope: Floats) -> Floats:
+        normals = np.concatenate([-np.ones((1, len(which))), gel[:, which] - slope])
+        return shade(sensor, at[:, which], normals).astype(np.float64)
+
+    def response(slope: Floats) -> Floats:
+        here = values(each, slope)
+        moved = [(values(each, slope + STEP * axis[:, None]) - here) / STEP for axis in np.eye(2)]
+        return np.stack(moved, axis=-1)
+
+    def error(which: NDArray[np.intp], slope: Floats) -> tuple[Floats, Floats]:
+        off = values(which, slope) - target[which]
+        return off, np.sum(off**2, axis=1) + cost * np.sum(slope**2, axis=0)
+
+    each = np.arange(len(target))
+    best = np.zeros((2, len(target)))
+    cost = FLATTENING * np.mean(np.sum(response(best) ** 2, axis=(1, 2))) / 2
+    steps = np.tan(np.linspace(-1, 1, SLOPES) * np.arctan(STEEPEST))
+    candidates = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)
+    count = candidates.shape[1]
+    for part in np.array_split(np.arange(len(target)), -(-len(target) * count // AT_A_TIME)):
+        _, misfit = error(np.repeat(part, count), np.tile(candidates, len(part)))
+        best[:, part] = candidates[:, misfit.reshape(len(part), count).argmin(axis=1)]
+    for _ in range(3):  # Gauss and Newton
+        (off, misfit), slope = error(each, best), response(best)
+        steep = np.einsum("nci,ncj->nij", slope, slope) + cost * np.eye(2)
+        pull = np.einsum("nci,nc->ni", slope, off) + cost * best.T
+        nearer = best - np.clip(np.linalg.solve(steep, pull[..., None])[..., 0].T, -0.1, 0.1)
+        best = np.where(error(each, nearer)[1] < misfit, nearer, best)
+    across, up = np.zeros((2, *changed.shape))
+    across[changed], up[changed] = best
+    (y_down, y_right), (z_down, z_right) = np.gradient(place[1]), np.gradient(place[2])
+    return across * y_down + up * z_down, across * y_right + up * z_right
+
+
+def _height(down: Floats, right: Floats) -> Floats:
+    """Integrate rises to a height map that is 0 beyond the borders, by least squares."""
+    rise_down, rise_right = (down[1:] + down[:-1]) / 2, (right[:, 1:] + right[:, :-1]) / 2
+    source = np.zeros_like(down)
+    source[:-1] -= rise_down
+    source[1:] += rise_down
+    source[:, :-1] -= rise_right
+    source[:, 1:] += rise_right
+    rows, columns = (2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)) for n in down.shape)
+    return np.asarray(idstn(dstn(source, type=1) / (rows[:, None] + columns), type=1))
+
+
+def _contact(
+    sensor: Sensor, height: Floats, slopes: tuple[Floats, Floats], place: Floats, levels: Floats
+) -> tuple[Contact, float, float]:
+    """Contact that moves the gel to a height map where it is touched, by the best level of its border.
+
+    Also that level, and the share of the squared slopes that the contact's gel does not have.
+    """
+    deepest = np.unravel_index(int(height.argmax()), height.shape)
+    pitch = (
+        float(abs(np.gradient(place[2], axis=0)[deepest])),
+        float(abs(np.gradient(place[1], axis=1)[deepest])),
+    )
+    gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
+    top, least, answer = float(height.max()), np.inf, None
+    for level in levels:
+        gap = np.where(height > level * top, top - height, np.inf)
+        contact = solve_contact(gap, pitch, gel, indentation_m=top, tolerance=1e-3)
+        rises = np.gradient(contact.displacement_m)
+        off = sum(float(np.sum((rise - slope) ** 2)) for rise, slope in zip(rises, slopes, strict=True))
+        if off < least:
+            least, answer = off, (contact, float(level))
+    assert answer is not None
+    return *answer, least / sum(float(np.sum(slope**2)) for slope in slopes)

@@ -1,0 +1,30 @@
+import numpy as np
+import pytest
+from touch_shapes import box, sphere
+
+from objectfolder.errors import QueryError
+from objectfolder.surface.surface import Surface
+from objectfolder.touch import Press, Sensor, force_of, press, read_sensor
+from objectfolder.touch.sensor.camera import no_contact_image
+
+DIGIT = read_sensor("digit").at_resolution(80, 60)
+
+
+@pytest.mark.parametrize("sensor", [DIGIT, Sensor().at_resolution(80, 60)], ids=["shadows", "none"])
+def test_the_force_of_an_ellipsoid_is_that_of_its_picture(sensor: Sensor) -> None:
+    vertices, faces = sphere(1.0, 4)
+    egg = Surface(vertices * [0.008, 0.005, 0.011], faces)
+    touch = press(egg, sensor, np.array([[0.0005, 0.001, 0.011]]), Press(force_n=1.3, roll_deg=40))
+    force, error = force_of(touch.rgb[0], sensor)
+    assert abs(force - touch.force_n[0]) < error < 0.15 * touch.force_n[0]
+    assert 0 < touch.force_error_n[0] < 0.05 * touch.force_n[0]
+
+
+def test_what_a_picture_does_not_tell_is_said() -> None:
+    assert force_of(no_contact_image(DIGIT, 1), DIGIT) == (0.0, 0.0)
+    pin = Surface(*box((-0.001, -0.001, 0), (0.001, 0.001, 0.006)))
+    touch = press(pin, DIGIT, np.array([[0.0, 0.0, 0.006]]), Press(force_n=1.5))
+    with pytest.raises(QueryError, match="steep walls"):
+        force_of(touch.rgb[0], DIGIT)
+    with pytest.raises(QueryError, match="uint8"):
+        force_of(touch.rgb[0][:-1], DIGIT)
