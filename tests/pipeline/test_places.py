@@ -6,8 +6,6 @@ import sys
 import threading
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import psutil
@@ -176,16 +174,6 @@ def _wait_for(path: str) -> None:
         time.sleep(0.05)
 
 
-def _pids_of_tasks(root: Path, workers: int, tasks: int) -> list[int]:
-    """Return the process of each task on a scheduler of many worker processes."""
-    place = Place(
-        kwargs={"n_workers": workers, "threads_per_worker": 1}, environment={"OMP_NUM_THREADS": "1"}
-    )
-    with connect(place, root, tasks) as client:
-        client.wait_for_workers(workers, timeout=600)
-        return client.gather(client.map(_pid_after, [2.0] * tasks, pure=False))
-
-
 def _pid_after(seconds: float) -> int:
     time.sleep(seconds)
     return os.getpid()
@@ -193,10 +181,12 @@ def _pid_after(seconds: float) -> int:
 
 @pytest.mark.slow
 @pytest.mark.release("pipeline.cluster")
-def test_one_scheduler_serves_64_worker_processes(root):
-    # The start of 64 processes would keep the tests beside this one from the processors.
-    modest = ProcessPoolExecutor(1, get_context("spawn"), initializer=os.nice, initargs=(10,))
-    with modest:
-        tasks = Counter(modest.submit(_pids_of_tasks, root, 64, 192).result())
-    assert len(tasks) == 64
-    assert max(tasks.values()) <= 6
+def test_one_scheduler_gives_64_threads_of_8_processes_equal_shares(root):
+    place = Place(
+        kwargs={"n_workers": 8, "threads_per_worker": 8}, environment={"OMP_NUM_THREADS": "1"}
+    )
+    with connect(place, root, 192) as client:
+        client.wait_for_workers(8, timeout=600)
+        shares = Counter(client.gather(client.map(_pid_after, [2.0] * 192, pure=False)))
+    assert len(shares) == 8
+    assert max(shares.values()) <= 48
