@@ -6,7 +6,6 @@ import sys
 import threading
 import time
 from collections import Counter
-from pathlib import Path
 
 import psutil
 import pytest
@@ -182,9 +181,7 @@ def _pid_after(seconds: float) -> int:
 @pytest.mark.slow
 @pytest.mark.release("pipeline.cluster")
 def test_one_scheduler_gives_64_threads_of_8_processes_equal_shares(root):
-    place = Place(
-        kwargs={"n_workers": 8, "threads_per_worker": 8}, environment={"OMP_NUM_THREADS": "1"}
-    )
+    place = Place(kwargs={"n_workers": 8, "threads_per_worker": 8}, environment={"OMP_NUM_THREADS": "1"})
     with connect(place, root, 192) as client:
         client.wait_for_workers(8, timeout=600)
         shares = Counter(client.gather(client.map(_pid_after, [2.0] * 192, pure=False)))
