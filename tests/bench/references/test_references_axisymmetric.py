@@ -12,6 +12,8 @@ from bench.references.axisymmetric import Discretisation, body_of_revolution
 from bench.references.bodies import BODIES, constant
 from bench.references.meridian import Meridian, Path, Wall
 
+pytestmark = pytest.mark.release("bench.references")
+
 RADIUS, HEIGHT = 1.0, 1.3
 
 

@@ -10,7 +10,7 @@ from bench.references.bodies import BODIES
 from bench.references.revolution import surface_of_revolution
 from objectfolder.audio.materials import read_materials
 
-RELEASE = pytest.mark.release("bench.references")
+pytestmark = pytest.mark.release("bench.references")
 MATERIALS = read_materials(Path(__file__).parents[3] / "data" / "materials.csv")
 
 
@@ -62,7 +62,6 @@ def test_the_bowl_has_its_known_spectrum() -> None:
     assert found.families[0] == "n = 2"
 
 
-@RELEASE
 @pytest.mark.parametrize(("name", "count"), [("bell", 29), ("cup", 27), ("glass", 56), ("plate", 82)])
 def test_every_spectrum_is_converged(name: str, count: int) -> None:
     body = BODIES[name]()

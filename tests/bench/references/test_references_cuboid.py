@@ -9,6 +9,8 @@ from scipy.linalg import eigh
 from bench.references.cuboid import EdgeFunctions, class_stiffness, cuboid, lame_wavenumbers
 from tests.drawn_examples import few_examples
 
+pytestmark = pytest.mark.release("bench.references")
+
 
 def test_the_published_cube() -> None:
     found = cuboid((1, 1, 1), 0.3, 4.6)

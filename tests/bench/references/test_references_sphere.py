@@ -7,6 +7,8 @@ from bench.references.axisymmetric import body_of_revolution
 from bench.references.meridian import Block, Meridian, half_disc
 from bench.references.sphere import radial_ritz, sphere, torsional_traction
 
+pytestmark = pytest.mark.release("bench.references")
+
 
 def solid_sphere() -> Meridian:
     blocks = half_disc(np.array([0.0, -1.0]), np.array([0.0, 1.0]))

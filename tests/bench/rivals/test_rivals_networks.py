@@ -30,6 +30,8 @@ from bench.rivals.published_perceptron import UNREAD_PARAMETERS, encode, one_thr
 from objectfolder.errors import InputError
 from tests.drawn_examples import few_examples
 
+pytestmark = pytest.mark.release("bench.rivals")
+
 
 def parameters(network: torch.nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())
@@ -159,7 +161,6 @@ def test_fitting_leaves_the_callers_threads_and_random_numbers_alone() -> None:
     torch.testing.assert_close(torch.rand(3), expected)
 
 
-@pytest.mark.slow
 def test_spectrograms_are_learned_in_the_units_of_the_sound(
     points: np.ndarray, mode_sounds: np.ndarray, spectrogram_network: SpectrogramNetwork
 ) -> None:
@@ -179,7 +180,6 @@ def test_spectrograms_are_learned_in_the_units_of_the_sound(
     assert np.all(truth.real.max(axis=(1, 2)) < low + 1.05 * extent)
 
 
-@pytest.mark.slow
 def test_sounds_are_linear_in_the_impulse(
     points: np.ndarray, spectrogram_network: SpectrogramNetwork
 ) -> None:

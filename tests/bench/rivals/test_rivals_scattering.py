@@ -12,6 +12,8 @@ from objectfolder.products.store import Array, Product
 from objectfolder.vision.cameras import look_at, pixel_rays, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
 
+pytestmark = pytest.mark.release("bench.rivals")
+
 
 @pytest.fixture(autouse=True)
 def _one_thread():
@@ -148,7 +150,6 @@ def test_pixels_drawn_are_those_of_training_views_with_their_rays_and_lights():
     assert len(seen) == 400
 
 
-@pytest.mark.slow
 def test_a_fit_learns_is_repeated_by_its_seed_and_goes_on_from_where_it_stopped(tmp_path):
     views = coloured_views()
     rgba = views["rgba"].copy()

@@ -13,6 +13,8 @@ from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
 from objectfolder.vision.truth.views import simulate_views
 
+pytestmark = pytest.mark.release("bench.rivals")
+
 POWER_W = 12.0
 
 
@@ -130,7 +132,6 @@ def test_the_unlit_texture_knows_no_light():
     assert first[..., 3].max() == 1.0
 
 
-@pytest.mark.slow
 def test_a_matt_convex_object_is_what_cycles_makes_of_it():
     """No light bounces within a convex object, so that shadowed Lambert is the whole truth of a matt one."""
     mesh = cube()

@@ -15,9 +15,10 @@ from objectfolder.errors import InputError, SimulationError
 from objectfolder.surface.surface import Surface
 from tests.drawn_examples import few_examples
 
+pytestmark = pytest.mark.release("bench.rivals")
+
 CERAMIC = material()
 BOWL_FIRST_HZ = 561.57  # axisymmetric Fourier p-FEM, converged to 4e-6
-BOWL_MODES = 73
 
 
 def box(sides: tuple[float, float, float], corner: tuple[float, float, float] = (0, 0, 0)) -> Surface:
@@ -61,7 +62,6 @@ def test_the_element_is_exact_for_linear_fields_and_mass() -> None:
         hexahedron(0.5)
 
 
-@pytest.mark.slow
 def test_errors_of_the_cube_fall_by_four_when_the_edge_halves() -> None:
     """Free cube, nu 0.3: 2.85608 twice and 3.84599 three times, by a Ritz method; 2.85608 is below."""
     side, poisson = 0.1, material(poisson_ratio=0.3)
@@ -78,7 +78,6 @@ def test_errors_of_the_cube_fall_by_four_when_the_edge_halves() -> None:
     np.testing.assert_allclose(errors[0] / errors[1], 4, rtol=0.1)
 
 
-@pytest.mark.slow
 def test_the_lame_mode_converges_for_another_poisson_ratio() -> None:
     side, poisson = 0.1, material(poisson_ratio=0.25)
     errors = []
@@ -171,7 +170,6 @@ def test_frequencies_are_damped_and_zero_where_a_mode_does_not_ring() -> None:
     np.testing.assert_allclose(np.hypot(angular, light.dampings_per_s) ** 2, light.eigenvalues, rtol=1e-12)
 
 
-@pytest.mark.slow
 def test_paper_grid_on_a_thin_bowl_is_wrong_by_what_was_measured() -> None:
     """Sampled cubes: 11,646 unknowns, +161 %, 32 modes of 73, three times the mass."""
     modes = voxel_modes(bowl(), CERAMIC, resolution=32, rule="samples")
@@ -182,7 +180,6 @@ def test_paper_grid_on_a_thin_bowl_is_wrong_by_what_was_measured() -> None:
     assert modes.mass_ratio == pytest.approx(3, abs=0.05)
 
 
-@pytest.mark.slow
 def test_every_touched_cube_makes_the_bowl_stiffer_still() -> None:
     modes = voxel_modes(bowl(), CERAMIC, resolution=32, rule="touch")
     assert np.sqrt(modes.eigenvalues[0]) / (2 * np.pi) > 3 * BOWL_FIRST_HZ
