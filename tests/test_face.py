@@ -16,7 +16,7 @@ from scipy.io import wavfile
 
 import objectfolder
 from objectfolder import Environment, Lamps, ObjectFile, Press, QueryError, Sound, Touches
-from pipeline.run.single_build import Building
+from pipeline.run.single_build import Building, Built
 from tests.conftest import REPOSITORY
 
 TOP, LAMP = [0.0, 0.0, 0.004], [0.1, 0.1, 0.3]
@@ -116,11 +116,9 @@ def test_build_asks_the_installed_factory(monkeypatch: pytest.MonkeyPatch, small
     monkeypatch.setattr("objectfolder.factory.entry_points", lambda **_: EntryPoints([entry]))
     asked = []
 
-    def build_object_file(
-        building: Building, output: Path, confirm: object
-    ) -> tuple[dict[str, float], tuple[str, ...]]:
+    def build_object_file(building: Building, output: Path, confirm: object) -> Built:
         asked.append((building, output))
-        return {}, ("thin walls",)
+        return Built({}, "1 plain colour", ("thin walls",))
 
     monkeypatch.setattr("pipeline.run.object_file_builder.build_object_file", build_object_file)
     with pytest.warns(UserWarning, match="thin walls") as warned:
@@ -140,7 +138,7 @@ def test_build_refuses_a_doubtful_size_and_a_file_that_is_there(
     mesh = tmp_path / "box.stl"
     trimesh.creation.box((2.0, 0.1, 0.02)).export(mesh)
     output = tmp_path / "box.safetensors"
-    refused = r"2 m long by the file\. State length_m in metres, or give any_size=True\."
+    refused = r"2 m long by the file, as if normalised\. State length_m in metres, or give any_size=True\."
     with pytest.raises(objectfolder.InputError, match=refused):
         objectfolder.build(mesh, material="steel", output=output)
     with pytest.raises(objectfolder.InputError, match=r"31400 kg of steel\. Correct length_m or material"):

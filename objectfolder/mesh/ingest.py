@@ -93,7 +93,7 @@ def ingest_object(
     if finding := too_large(mesh.vertices, mesh.faces):
         raise InputError(where, f"has {finding}", "Decimate it")
     walls = measure_walls(mesh.surface)
-    attributes = _measured(mesh, report, walls, [*warnings, *_debris(mesh)], length_m)
+    attributes = _measured(mesh, report, walls, [*warnings, *debris(mesh)], length_m)
     if (axis := up or up_axis(mesh_path)) != Z_UP:
         attributes["source_up"] = axis
     body = hashlib.sha256(json.dumps(attributes, sort_keys=True).encode()).hexdigest()
@@ -168,8 +168,8 @@ def _warnings(report: CleaningReport, topology: Topology, walls: WallMeasures) -
     return found
 
 
-def _debris(mesh: TexturedMesh) -> list[str]:
-    """A sentence where pieces of hardly any area make the object longer than the rest of it."""
+def debris(mesh: TexturedMesh) -> list[str]:
+    """Return a sentence where pieces of hardly any area make a cleaned mesh longer than the rest of it."""
     pieces, piece = connected_pieces(mesh.faces)
     share = np.bincount(piece, mesh.surface.face_areas, pieces) / mesh.surface.area
     small = (share < DEBRIS_SHARE)[piece]

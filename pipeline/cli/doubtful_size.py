@@ -4,7 +4,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
-from pipeline.run.doubtful_size import size_doubts
+from pipeline.run.doubtful_size import doubts_before_building, size_remedy
 
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
@@ -17,9 +17,9 @@ def confirm_size(building: "Building", material: "Material") -> None:
     Raises
     ------
     InputError
-        A doubtful size (`size_doubts`) that nobody confirms.
+        A doubtful size (`doubts_before_building`) that nobody confirms.
     """
-    doubts = size_doubts(building, material)
+    doubts = doubts_before_building(building, material)
     if not doubts:
         return
     finding = " and ".join(doubts)
@@ -27,5 +27,5 @@ def confirm_size(building: "Building", material: "Material") -> None:
         print(f"{building.mesh}: {finding}. Build it? [y/N] ", end="", file=sys.stderr, flush=True)
         if sys.stdin.readline().strip().lower() in ("y", "yes"):
             return
-    remedy = "State --length in metres" if building.length_m is None else "Correct --length or --material"
+    remedy = size_remedy(building, "--length", "--mass", "--material")
     raise InputError(str(building.mesh), finding, f"{remedy}, or give --yes.")

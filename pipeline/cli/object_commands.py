@@ -43,38 +43,34 @@ def build(
     output
         the Object File (.safetensors)
     yes
-        build an object of 1 m or more without --length, or above 100 kg, without a question
+        build an object of a doubtful size (1 m or more without --length, 100 kg) without a question
     """
     import objectfolder
-    from objectfolder.mesh.looks import looks_of
-    from objectfolder.mesh.readers.load import load_mesh
     from pipeline.cli.doubtful_size import confirm_size
     from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
 
     check_new_file(output, overwrite=overwrite)
     with on_interrupt(RESUMED):
-        seconds, findings = build_object_file(wanted, output, None if yes else confirm_size)
+        built = build_object_file(wanted, output, None if yes else confirm_size)
     if json:
         figures = {
             "file": str(output),
             "bytes": output.stat().st_size,
-            "warnings": list(map(str, findings)),
+            "looks": built.looks,
+            "warnings": built.warnings,
             "fidelity": objectfolder.load(output).description.get("fidelity"),
-            "cpu_s": seconds,
+            "cpu_s": built.cpu_s,
         }
         print(json_text.dumps(figures, indent=1))
         return
     print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
-    read = load_mesh(wanted.mesh, wanted.texture)
-    print(f"looks        {looks_of(read)}")
-    for remark in read.remarks:
-        print(f"warning      {remark}")
-    for finding in findings:
-        print(f"warning      {finding}")
+    print(f"looks        {built.looks}")
+    for warning in built.warnings:
+        print(f"warning      {warning}")
     print("\n".join(fidelity_lines(objectfolder.load(output))))
-    steps = ", ".join(f"{name} {value:.1f}" for name, value in seconds.items())
-    print(f"cost         {sum(seconds.values()):.1f} CPU-s ({steps})")
+    steps = ", ".join(f"{name} {value:.1f}" for name, value in built.cpu_s.items())
+    print(f"cost         {sum(built.cpu_s.values()):.1f} CPU-s ({steps})")
 
 
 def info(file: ObjectFilePath, /, *, json: Json = False) -> None:

@@ -1,16 +1,17 @@
 """An object as its owner describes it, for one Object File or a row of a table; light to import."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from objectfolder.errors import InputError
 from pipeline.dataset.project_files import MATERIALS
 
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
-    from objectfolder.mesh.walls import WallFinding, WallMeasures
+    from objectfolder.mesh.walls import WallFinding
 
 
 @dataclass(frozen=True)
@@ -94,11 +95,19 @@ class DescribedObject:
             remedy = "State --wall for an open vessel with thin walls, --shell for one that is scanned solid"
             raise InputError("--shell", "is stated together with --wall", remedy)
 
-    def wall_findings(self, walls: "WallMeasures", material: "Material") -> "tuple[WallFinding, ...]":
-        """Return what is doubtful about the walls and the mass of the object in a material."""
-        from objectfolder.mesh.walls import wall_findings
+    def findings(
+        self, attributes: Mapping[str, Any], material: "Material"
+    ) -> "tuple[list[str], tuple[WallFinding, ...]]":
+        """Return the warnings of the object's product, and doubts about walls and mass in a material.
 
-        return wall_findings(
+        What the product says of walls by geometry alone is left out of the warnings.
+        """
+        from objectfolder.mesh.walls import WallMeasures, wall_findings
+
+        walls = WallMeasures(**attributes["walls"])
+        by_geometry = set(map(str, wall_findings(walls)))
+        warnings = [text for text in attributes["warnings"] if text not in by_geometry]
+        return warnings, wall_findings(
             walls,
             material=material.name,
             density_kg_m3=material.density_kg_m3,

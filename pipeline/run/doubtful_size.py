@@ -4,34 +4,66 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.dataset.described_object import DescribedObject
+
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
-    from pipeline.run.single_build import Building
+    from objectfolder.mesh.mesh import TexturedMesh
 
-LARGE_M, HEAVY_KG = 1.0, 100.0
+SMALL_M, LARGE_M, HEAVY_KG = 0.01, 1.0, 100.0
+NORMALISED_M = (1.0, 2.0)
+MASS_FACTOR = 20.0
+"""Between a stated mass and that of the solid; thin vessels that were scanned solid stay below it."""
 
 
-def size_doubts(building: "Building", material: "Material") -> list[str]:
+def size_doubts(mesh: "TexturedMesh", described: DescribedObject, material: "Material") -> list[str]:
     """Return what is doubtful about length and mass; the mass is that of the solid that the mesh bounds.
 
-    An object is doubtful that has `LARGE_M` or more by its file and no stated length, and one above
-    `HEAVY_KG`.
+    A length that only the file states is doubtful from `LARGE_M` on and below `SMALL_M`; a mass is above
+    `HEAVY_KG`, and a stated one beyond `MASS_FACTOR` times or below 1 / `MASS_FACTOR` of the solid's.
+
+    Parameters
+    ----------
+    mesh
+        Cleaned, of any scale where a length is stated.
     """
+    extent = float(mesh.extents.max())
+    length_m = described.length_m or extent
+    # Seen from its middle, a mesh with holes bounds about its volume, too.
+    corners = (mesh.vertices - mesh.vertices.mean(axis=0))[mesh.faces]
+    volume = abs(float(np.linalg.det(corners).sum())) / 6 * (length_m / extent) ** 3
+    solid_kg, stated_kg = material.density_kg_m3 * volume, described.mass_kg
+    is_solid = described.shell_m is None and described.wall_m is None
+    doubts = []
+    if described.length_m is None and not SMALL_M <= extent < LARGE_M:
+        normalised = any(abs(extent - number) <= 1e-6 * number for number in NORMALISED_M)
+        doubts.append(f"{extent:.4g} m long by the file{', as if normalised' if normalised else ''}")
+    mass_kg = stated_kg or (solid_kg if described.shell_m is None else 0.0)
+    if mass_kg > HEAVY_KG:
+        doubts.append(f"{mass_kg:.0f} kg of {material.name}")
+    if stated_kg and is_solid and not 1 / MASS_FACTOR <= solid_kg / stated_kg <= MASS_FACTOR:
+        doubts.append(f"{stated_kg:.3g} kg stated, where a solid of {material.name} has {solid_kg:.3g} kg")
+    return doubts
+
+
+def clean_mesh(described: DescribedObject) -> "TexturedMesh":
+    """Return the mesh of an object cleaned, in the units of its file, without colours."""
+    from objectfolder.mesh.cleaning import clean
     from objectfolder.mesh.readers.load import load_mesh
 
-    mesh = load_mesh(building.mesh, with_textures=False)
-    vertices = mesh.surface.vertices
-    extent = float(np.ptp(vertices, axis=0).max())
-    length_m = building.length_m or extent
-    # Seen from its middle, a mesh with holes bounds about its volume, too.
-    corners = (vertices - vertices.mean(axis=0))[mesh.surface.faces]
-    volume = abs(float(np.linalg.det(corners).sum())) / 6
-    mass_kg = building.mass_kg
-    if mass_kg is None and building.shell_m is None and extent > 0:
-        mass_kg = material.density_kg_m3 * volume * (length_m / extent) ** 3
-    doubts = []
-    if building.length_m is None and extent >= LARGE_M:
-        doubts.append(f"{extent:.4g} m long by the file")
-    if mass_kg is not None and mass_kg > HEAVY_KG:
-        doubts.append(f"{mass_kg:.0f} kg of {material.name}")
-    return doubts
+    return clean(load_mesh(described.mesh, with_textures=False, up=described.up), str(described.mesh))[0]
+
+
+def doubts_before_building(described: DescribedObject, material: "Material") -> list[str]:
+    """Return `size_doubts` of a mesh as its file is, and the pieces that decide its size."""
+    from objectfolder.mesh.ingest import debris
+
+    mesh = clean_mesh(described)
+    return [*debris(mesh), *size_doubts(mesh, described, material)]
+
+
+def size_remedy(described: DescribedObject, length: str, mass: str, material: str) -> str:
+    """Return what to do about a doubtful size, by the names of what states length, mass and material."""
+    if described.mass_kg is not None:
+        return f"Correct {mass}, {length} or {material}"
+    return f"State {length} in metres" if described.length_m is None else f"Correct {length} or {material}"

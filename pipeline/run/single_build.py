@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from objectfolder.errors import InputError, SimulationError
 from pipeline.dataset.described_object import DescribedObject
@@ -16,7 +16,6 @@ from pipeline.dataset.project_files import PARAMETERS
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
     from objectfolder.catalogue import ObjectRecord
-    from objectfolder.mesh.walls import WallFinding
     from pipeline.dataset.job import Finished, Job, Runner
 
 
@@ -46,9 +45,27 @@ class Building(DescribedObject):
     keep: Path | None = None
 
 
+class Built(NamedTuple):
+    """What a build took, and what its mesh is.
+
+    Parameters
+    ----------
+    cpu_s
+        CPU seconds of each stage.
+    looks
+        Textures, colours and maps in a line.
+    warnings
+        What was read otherwise than the file says it, and what is doubtful about surface, walls and mass.
+    """
+
+    cpu_s: dict[str, float]
+    looks: str
+    warnings: tuple[str, ...]
+
+
 def build_object_file(
     building: Building, output: Path, confirm: Callable[[Building, "Material"], None] | None = None
-) -> tuple[dict[str, float], tuple["WallFinding", ...]]:
+) -> Built:
     """Build, verify and save an Object File.
 
     A build that is interrupted, or fails, leaves the stages that it finished; the next build from the same
@@ -65,10 +82,7 @@ def build_object_file(
 
     Returns
     -------
-    seconds
-        CPU seconds of each stage.
-    findings
-        What is doubtful about the object's walls and mass.
+    Built
 
     Raises
     ------
@@ -78,8 +92,9 @@ def build_object_file(
         A stage that failed, with its error and remedy.
     """
     from objectfolder.audio.materials import find_material, read_materials
-    from objectfolder.mesh.walls import WallMeasures
-    from objectfolder.products.store import read_attributes
+    from objectfolder.mesh.looks import looks_of
+    from objectfolder.mesh.mesh import textured_mesh_of
+    from objectfolder.products.store import read_product
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
     from pipeline.dataset.stages import COLLISION, OBJECT_FILES, OBJECTS, STAGES
@@ -108,13 +123,14 @@ def build_object_file(
                 raise SimulationError(f"{record.id}, stage {summary.stage}", failure.error, failure.remedy)
         output.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(OBJECT_FILES.path(root, record.id), output)
-        walls = WallMeasures(**read_attributes(OBJECTS.path(root, record.id))["walls"])
+        product = read_product(OBJECTS.path(root, record.id))
         seconds = {
             cost.stage: cost.cpu_s
             for cost in read_costs(costs_path(root))
             if cost.object_id == record.id and cost.stage in STAGES and cost.cpu_s is not None
         }
-        return seconds, building.wall_findings(walls, material)
+        warnings, findings = building.findings(product.attributes, material)
+        return Built(seconds, looks_of(textured_mesh_of(product)), (*warnings, *map(str, findings)))
 
 
 @contextlib.contextmanager

@@ -123,6 +123,7 @@ def test_a_dry_run_writes_nothing(tmp_path, capsys):
     assert add(mesh, table, "--dry-run", "--json") == 0
     figures = json.loads(capsys.readouterr().out)
     assert (figures["id"], figures["material"], figures["walls"]["closed"]) == ("cup", "ceramic", True)
+    assert figures["looks"] == "100 % of the area has no colour and is grey"
     assert figures["extents_m"] == pytest.approx([0.08, 0.08, 0.07], rel=0.01)
 
 
@@ -162,7 +163,9 @@ def test_a_mesh_in_another_unit_gets_the_length_to_state(tmp_path, capsys, scale
 
 def test_a_normalised_mesh_is_asked_about(tmp_path, capsys):
     assert add(cup(tmp_path / "cup.stl", scale=12.5), tmp_path / "t.csv", "--no-preview") == 0
-    assert "normalised" in capsys.readouterr().out
+    warned = capsys.readouterr().out
+    assert "1 m long by the file, as if normalised" in warned
+    assert "kg of ceramic: is that meant? If it is in centimetres: --length 0.01" in warned
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from PIL import Image
 from objectfolder.catalogue import check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.readers.load import load_mesh
-from pipeline.intake.add.addition import check_unit, length_doubts, possible_lengths
+from pipeline.intake.add.addition import check_unit, possible_lengths
 from pipeline.intake.add.source_copy import (
     Layout,
     copy_files,
@@ -172,9 +172,3 @@ def test_units_are_told_with_the_length_to_write():
         assert remedy in caught.value.remedy
     for side in (0.01, 2.6):
         check_unit("mug", side)
-
-
-def test_sizes_that_are_asked_about():
-    assert list(length_doubts(0.12, 0.3)) == []
-    assert "normalised" in next(iter(length_doubts(1.0, 5.0)))
-    assert "--length 0.06604" in next(iter(length_doubts(2.6, 9000.0)))

@@ -43,7 +43,10 @@ BALL = "ball,Ball,ball.stl,,wood,0.08,my desk,CC0-1.0,me,,,,,"
 
 def test_a_table_without_fault(folder, capsys):
     assert main(["check", write(folder, BLOCK, BALL), "--strict"]) == 0
-    assert capsys.readouterr().out == "2 objects, 2 measured: 0 errors, 0 warnings, 0 notes\n"
+    looks = "100 % of the area has no colour and is grey"
+    summary = "2 objects, 2 measured: 0 errors, 0 warnings, 0 notes"
+    assert capsys.readouterr().out == f"looks  block, ball: {looks}\n{summary}\n"
+    assert check(folder, capsys, BLOCK)[1]["looks"] == {"block": looks}
 
 
 def test_faults_are_told_worst_first_with_numbers_and_remedies(folder, capsys):

@@ -31,7 +31,7 @@ from pipeline.cli.examples import EXAMPLES
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.project_files import MATERIALS
 from pipeline.run.converge import Summary
-from pipeline.run.single_build import Building
+from pipeline.run.single_build import Building, Built
 from pipeline.run.stage_run import StageRun
 from tests.conftest import REPOSITORY
 
@@ -372,7 +372,7 @@ def test_a_turntable_is_of_lit_pictures(
         ("press FILE --points 1 -o out", {"touches": 1, "reachable": 1}),
         (
             "build box.stl --material steel -o out.safetensors",
-            {"file": "out.safetensors", "cpu_s": {"views": 1.5}, "warnings": []},
+            {"file": "out.safetensors", "cpu_s": {"views": 1.5}, "looks": "1 plain colour", "warnings": []},
         ),
     ],
 )
@@ -384,9 +384,9 @@ def test_figures_are_json_where_that_is_asked_for(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def build(building: Building, output: Path, confirm: object) -> tuple[dict[str, float], tuple[()]]:
+    def build(building: Building, output: Path, confirm: object) -> Built:
         shutil.copyfile(small_file, output)
-        return {"views": 1.5}, ()
+        return Built({"views": 1.5}, "1 plain colour", ())
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pipeline.run.single_build.build_object_file", build)
@@ -486,10 +486,19 @@ def test_a_file_is_replaced_only_where_that_is_asked_for(
 @pytest.mark.parametrize(
     ("sides", "length_m", "words"),
     [
-        ((2.0, 0.1, 0.02), None, "box.stl: 2 m long by the file. State --length in metres, or give --yes."),
+        (
+            (2.0, 0.1, 0.02),
+            None,
+            "2 m long by the file, as if normalised. State --length in metres, or give --yes.",
+        ),
         ((0.9, 0.9, 0.9), None, "box.stl: 5723 kg of steel. State --length in metres, or give --yes."),
         ((90, 90, 90), 0.3, "box.stl: 212 kg of steel. Correct --length or --material, or give --yes."),
         ((90, 1, 1), 1.5, None),
+        (
+            (0.008, 0.001, 0.001),
+            None,
+            "0.008 m long by the file. State --length in metres, or give --yes.",
+        ),
     ],
 )
 def test_a_doubtful_size_is_refused_without_a_terminal(
@@ -521,7 +530,29 @@ def test_a_doubtful_size_is_asked_about_on_a_terminal(
     monkeypatch.setattr(sys, "stdin", terminal)
     with contextlib.nullcontext() if is_built else pytest.raises(InputError):
         confirm_size(building, STEEL)
-    assert capsys.readouterr().err.endswith("box.stl: 2 m long by the file. Build it? [y/N] ")
+    assert capsys.readouterr().err.endswith("2 m long by the file, as if normalised. Build it? [y/N] ")
+
+
+@pytest.mark.parametrize(
+    ("stray", "mass_kg", "words"),
+    [
+        ("v 9 9 9", None, None),
+        ("v 9 9 9", 0.3, None),
+        ("v 9 9 9", 12.0, "12 kg stated, where a solid of steel has 0.37"),
+        ("v 9 9 9\nv 9 9 8.9999\nv 9 8.9999 9\nf 9 10 11", None, "without them it is 0.12 m"),
+    ],
+)
+def test_what_no_face_uses_has_no_size_and_specks_are_asked_about(
+    stray: str, mass_kg: float | None, words: str | None, tmp_path: Path
+) -> None:
+    box = trimesh.creation.box((0.12, 0.02, 0.02))
+    (tmp_path / "box.obj").write_text(f"{box.export(file_type='obj')}\n{stray}\n")
+    building = Building(mesh=tmp_path / "box.obj", material="steel", mass_kg=mass_kg)
+    if words is None:
+        confirm_size(building, STEEL)
+        return
+    with pytest.raises(InputError, match=words):
+        confirm_size(building, STEEL)
 
 
 def test_a_folder_is_no_object_file(

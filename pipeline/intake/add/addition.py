@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import LONGEST_M, SHORTEST_M, UNUSUAL_M, textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.walls import WallFinding, WallMeasures, wall_findings
+from objectfolder.mesh.looks import looks_of
+from objectfolder.mesh.mesh import LONGEST_M, SHORTEST_M, UNUSUAL_M, TexturedMesh, textured_mesh_of
+from objectfolder.mesh.walls import WallFinding, WallMeasures
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
@@ -29,13 +29,11 @@ from pipeline.intake.add.source_copy import (
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.spdx import likely_spdx, spdx
+from pipeline.run.doubtful_size import clean_mesh, size_doubts
 
 UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 PLAUSIBLE_M = (0.01, 2.5)
 """Longest sides of things that are held, struck and looked at."""
-
-NORMALISED = (1.0, 2.0)
-HEAVIEST_KG = 500.0
 
 
 def possible_lengths(side: float) -> dict[str, float]:
@@ -55,16 +53,6 @@ def check_unit(where: str, side: float) -> None:
         remedy += f"; if it really is {side:.6g} m long: --length {side:.6g}"
     finding = f"its longest side is {side:.6g}, which is hardly in metres, and no unit is stated"
     raise InputError(where, finding, remedy)
-
-
-def length_doubts(side: float, mass_kg: float) -> Iterable[str]:
-    """Sentences about a longest side that was taken to be in metres, and the mass that follows from it."""
-    if mass_kg > HEAVIEST_KG:
-        lengths = possible_lengths(side)
-        units = "; ".join(f"in {name} it is --length {length:.6g}" for name, length in lengths.items())
-        yield f"it would have {mass_kg:.0f} kg: is it in metres?" + (f" If {units}" if units else "")
-    if any(abs(side - number) <= 1e-6 * number for number in NORMALISED):
-        yield f"its longest side is exactly {side:.0f}: was the mesh normalised? State --length if so"
 
 
 WITHOUT_NAMING = frozenset(("CC0-1.0", "0BSD", "Unlicense", "PDDL-1.0", "MIT-0"))
@@ -106,6 +94,7 @@ class Checked:
             "licence": self.row["licence"],
             "material": self.material.name,
             "extents_m": list(self.product.attributes["length"]["extents_m"]),
+            "looks": looks_of(textured_mesh_of(self.product)),
             "triangles": len(self.product["faces"]),
             "volume_m3": self.walls.volume_m3,
             "mass_kg": self.walls.volume_m3 * self.material.density_kg_m3,
@@ -137,7 +126,7 @@ def check_object(wanted: Wanted) -> Checked:
     wanted.check()
     where = f"{object_id} ({wanted.mesh})"
     if wanted.length_m is None:
-        check_unit(where, float(load_mesh(wanted.mesh, with_textures=False, up=wanted.up).extents.max()))
+        check_unit(where, float(clean_mesh(wanted).extents.max()))
     product = ingest_object(
         wanted.mesh,
         texture_path=wanted.texture,
@@ -154,14 +143,20 @@ def check_object(wanted: Wanted) -> Checked:
     if wanted.wall_m is not None:
         thicken(mesh.surface, wanted.wall_m, where)
     walls = WallMeasures(**product.attributes["walls"])
-    findings = wanted.wall_findings(walls, material)
-    by_geometry = {str(finding) for finding in wall_findings(walls)}
-    warnings = [text for text in product.attributes["warnings"] if text not in by_geometry]
-    if wanted.length_m is None:
-        warnings += length_doubts(float(mesh.extents.max()), walls.volume_m3 * material.density_kg_m3)
+    warnings, findings = wanted.findings(product.attributes, material)
+    if doubts := size_doubts(mesh, wanted, material):
+        warnings.append(f"{' and '.join(doubts)}: is that meant?{_units(mesh, wanted)}")
     row = _row(wanted, object_id, material.name, licence)
     layout = layout_of(wanted.mesh, wanted.texture)
     return Checked(object_id, row, layout, product, material, walls, findings, tuple(warnings))
+
+
+def _units(mesh: TexturedMesh, wanted: Wanted) -> str:
+    """Say what to state where the file is in another unit than metres; nothing where a length is stated."""
+    if wanted.length_m is not None:
+        return ""
+    lengths = possible_lengths(float(mesh.extents.max())).items()
+    return "".join(f" If it is in {name}: --length {length:.6g}." for name, length in lengths)
 
 
 def _row(wanted: Wanted, object_id: str, material: str, licence: str) -> dict[str, str]:

@@ -9,6 +9,7 @@ from objectfolder.catalogue import ObjectRecord, number_in
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import Topology, solid_properties, topology_of
 from objectfolder.mesh.cleaning import CleaningReport, clean
+from objectfolder.mesh.looks import looks_of
 from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls
@@ -40,6 +41,7 @@ class Shape:
     likeness : numbers that a copy shares wherever it was moved and in whatever order it was written: area,
         volume and sides of the bounding box in order of length, in the file's own unit
     remarks : what was read otherwise than the file says it
+    looks : textures, colours and maps in a line
     """
 
     file_extents: tuple[float, float, float]
@@ -51,6 +53,7 @@ class Shape:
     likeness: tuple[float, ...]
     cleaning: CleaningReport | None = None
     remarks: tuple[str, ...] = ()
+    looks: str = ""
 
     @property
     def file_length(self) -> float:
@@ -174,6 +177,7 @@ def measure(record: ObjectRecord) -> Shape:
         faces=len(cleaned.faces),
         cleaning=report,
         remarks=mesh.remarks,
+        looks=looks_of(mesh),
         likeness=(
             cleaned.surface.area,
             abs(solid_properties(cleaned.vertices, cleaned.faces).volume_m3),

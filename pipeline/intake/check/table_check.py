@@ -47,12 +47,15 @@ class Check:
         Ids of rows that wait for their files.
     findings
         Worst first, then in the order of the table.
+    looks
+        By the id of each measured row, what its mesh looks like in a line.
     """
 
     objects: int
     measured: int
     unfetched: tuple[str, ...]
     findings: tuple[Finding, ...]
+    looks: Mapping[str, str]
 
     def count(self, severity: str) -> int:
         """Number of findings of a severity."""
@@ -94,7 +97,8 @@ def check_entries(entries: Sequence[Entry]) -> Check:
         findings += accept(entry, [*_of_row(entry), *doubles.pop(entry.object_id, ())])
     findings.sort(key=lambda one: SEVERITIES.index(one.severity))
     unfetched = tuple(entry.object_id for entry in entries if entry.is_unfetched)
-    return Check(len(entries), sum(entry.shape is not None for entry in entries), unfetched, tuple(findings))
+    looks = {entry.object_id: entry.shape.looks for entry in entries if entry.shape is not None}
+    return Check(len(entries), len(looks), unfetched, tuple(findings), looks)
 
 
 def accept(entry: Entry, findings: Sequence[Finding]) -> Iterator[Finding]:
@@ -159,17 +163,18 @@ NARROWEST = 110  # characters
 
 
 def text(check: Check, table: Path, width: int) -> str:
-    """Return a table of severity, object, field, finding and remedy, worst first, and a line that sums up."""
+    """Return a table of findings, worst first, a line for each kind of looks, and a line that sums up."""
     # That files are not fetched is said once for all of them.
     unfetched = (NOTE, row_rules.READABLE)
     shown = [one for one in check.findings if (one.severity, one.rule) != unfetched or one.accepted]
     lines = _rows(shown, width)
     if check.unfetched:
-        some = ", ".join(check.unfetched[:3]) + (", ..." if len(check.unfetched) > 3 else "")
         lines += [
-            f"{len(check.unfetched)} not fetched ({some}): size, mass, walls and surface were not checked. "
-            f"objectfolder fetch --table {table}"
+            f"{len(check.unfetched)} not fetched ({_ids(check.unfetched)}): size, mass, walls and surface "
+            f"were not checked. objectfolder fetch --table {table}"
         ]
+    for looks, ids in _ids_by(check.looks).items():
+        lines.append(f"looks  {_ids(ids)}: {looks}")
     counts = ", ".join(
         f"{check.count(severity)} {severity}{'' if check.count(severity) == 1 else 's'}"
         for severity in (ERROR, WARNING, NOTE)
@@ -182,6 +187,18 @@ def text(check: Check, table: Path, width: int) -> str:
     return "\n".join(lines)
 
 
+def _ids(ids: Sequence[str]) -> str:
+    return ", ".join(ids[:3]) + (", ..." if len(ids) > 3 else "")
+
+
+def _ids_by(looks: Mapping[str, str]) -> dict[str, list[str]]:
+    """Ids by what these objects look like, in the order of the table."""
+    ids: dict[str, list[str]] = {}
+    for object_id, line in looks.items():
+        ids.setdefault(line, []).append(object_id)
+    return ids
+
+
 def as_json(check: Check, table: Path) -> str:
     """Return all findings as JSON, those of the same severity in the order of the table."""
     content: dict[str, Any] = {
@@ -190,6 +207,7 @@ def as_json(check: Check, table: Path) -> str:
         "measured": check.measured,
         "unfetched": list(check.unfetched),
         "counts": {severity: check.count(severity) for severity in (ERROR, WARNING, NOTE)},
+        "looks": dict(check.looks),
         "findings": [asdict(one) for one in check.findings],
     }
     return json.dumps(content, indent=1, ensure_ascii=False)
