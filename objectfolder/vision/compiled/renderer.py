@@ -51,6 +51,8 @@ class Effort:
         Sub-samples of visibility a pixel.
     samples_uneven
         The same where a smooth piece of surface ends.
+    samples_outline
+        The same where the pixel is covered in part, for its coverage alone.
     shaded
         Colours a smooth piece of surface in a pixel.
     shaded_uneven
@@ -65,6 +67,7 @@ class Effort:
 
     samples: int
     samples_uneven: int
+    samples_outline: int
     shaded: int
     shaded_uneven: int
     shaded_curved: int
@@ -83,12 +86,12 @@ class Effort:
         if sub_rays < 1:
             raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 4, 16 or 64.")
         if sub_rays >= 64:
-            return cls(16, 4 * sub_rays, 4, 16, 64, 64, 0.03)
+            return cls(16, 4 * sub_rays, max(1024, 4 * sub_rays), 4, 16, 64, 64, 0.03)
         if sub_rays >= 16:
-            return cls(16, 256, 1, 4, 4, 16, 0.02)
+            return cls(16, 256, 256, 1, 4, 4, 16, 0.02)
         if sub_rays >= 4:
-            return cls(16, 64, 1, 3, 3, 16, 0.05)
-        return cls(16, 64, 1, 1, 1, 8, 2.0)
+            return cls(16, 64, 64, 1, 3, 3, 16, 0.05)
+        return cls(16, 64, 64, 1, 1, 1, 8, 2.0)
 
 
 @dataclass(frozen=True)
@@ -233,7 +236,8 @@ class CompiledRenderer:
             crop or (0, 0, *size),
             MARGIN + reach,
         )
-        return look(projection, self._surface.facets, effort.samples, effort.samples_uneven)
+        samples = effort.samples, effort.samples_uneven, effort.samples_outline
+        return look(projection, self._surface.facets, *samples)
 
     def _surrounded(self, view: View, around: Surroundings, effort: Effort) -> np.ndarray:
         """Return pi times the colour (p, 3) of the pixels in an environment."""
@@ -501,8 +505,8 @@ def _image(view: View, colour: np.ndarray, crop: Crop) -> np.ndarray:
     rgba = np.zeros((height, width, 4), dtype=np.float32)
     row, column = view.rows.astype(np.int64) - top, view.columns.astype(np.int64) - left
     kept = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    rgba[row[kept], column[kept], :3] = colour[kept]
-    rgba[row[kept], column[kept], 3] = view.coverage[kept]
+    rgba[row[kept], column[kept], :3] = (colour * (view.alpha / view.coverage)[:, None])[kept]
+    rgba[row[kept], column[kept], 3] = view.alpha[kept]
     return rgba
 
 
