@@ -83,17 +83,16 @@ class SightBatch:
     Raises
     ------
     QueryError
-        A device that is not there, an object whose maps bend its normals.
+        A device that is not there, an object whose maps bend its normals, or of known material.
     """
 
     def __init__(self, sights: Sequence[SightQueries], device: str | torch.device = "cuda") -> None:
         self.device = place = checked_device(device)
         nets = [sight.net for sight in sights]
         for index, net in enumerate(nets):
-            if net._surface.bends:
-                raise QueryError(
-                    f"files[{index}]", "its maps bend normals", "Render it by `ObjectFile.render`."
-                )
+            if net._surface.bends or net.computed:
+                finding = "its maps bend normals" if net._surface.bends else "its light is computed"
+                raise QueryError(f"files[{index}]", finding, "Render it by `ObjectFile.render`.")
         lit = [LitSurface(net._surface) for net in nets]
         trees = [one.volumes for one in lit]
         sizes = np.array([(len(tree.boxes), len(tree.faces)) for tree in trees])
@@ -110,7 +109,7 @@ class SightBatch:
             joined([one._triangles for one in lit], place),
             joined([one._corner_normals for one in lit], place),
         )
-        grids = [net._grid for net in nets]
+        grids = [grid for net in nets if (grid := net._grid) is not None]
         sizes = np.array([(*grid.sizes, *(len(lookup) for lookup in grid.lookups)) for grid in grids])
         sides = [[grid.resolution >> (LEVELS - 1 - level) for level in range(LEVELS)] for grid in grids]
         weights = [net._weights for net in nets]

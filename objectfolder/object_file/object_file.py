@@ -38,7 +38,8 @@ from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FORMAT = "objectfolder"
-FORMAT_VERSION = 3
+# Of files whose sight is learned as a whole, and of those whose material is known.
+LEARNED, KNOWN = "3", "4"
 SURFACE_TOLERANCE_M = 1e-3
 REQUIRED = (
     "object",
@@ -264,10 +265,10 @@ class ObjectFile:
         if content.metadata.get("format") != FORMAT:
             raise FormatError(where, "a safetensors file, but not an Object File", "Build one from a mesh.")
         version = content.metadata.get("format_version")
-        if version != str(FORMAT_VERSION):
+        if version not in (LEARNED, KNOWN):
             raise FormatError(
                 where,
-                f"Object File of version {version}, this program reads {FORMAT_VERSION}",
+                f"Object File of version {version}, this program reads {LEARNED} and {KNOWN}",
                 "Use the program that made it, or build it again.",
             )
         try:
@@ -325,7 +326,8 @@ class ObjectFile:
         >>> bar.content().metadata["format"], bar.content().metadata["format_version"]
         ('objectfolder', '3')
         """
-        metadata: dict[str, Any] = {"format": FORMAT, "format_version": str(FORMAT_VERSION)}
+        version = KNOWN if self.vision.computed else LEARNED
+        metadata: dict[str, Any] = {"format": FORMAT, "format_version": version}
         metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in REQUIRED})
         return TensorFile(self._tensors, metadata)
 

@@ -109,10 +109,12 @@ class CollisionParameters:
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionNetParameters:
-    """Effort of fitting VisionNet: steps of its optimiser, and the finest features it may store."""
+    """Effort of fitting VisionNet: steps of its optimiser, the finest features it may store, and whether it
+    is fitted at all."""
 
     steps: int
     grid_corners: int = 100_000
+    material: Literal["learned", "known"] = "learned"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

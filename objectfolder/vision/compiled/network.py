@@ -5,6 +5,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 
@@ -26,6 +27,38 @@ NEAREST = 1e-3
 LIGHT_INPUTS = slice(12, 24)
 # Features (n, f) and albedo (n, 3) of points, float32: what no light changes.
 Known = tuple[np.ndarray, np.ndarray]
+
+
+class Reflecting(Protocol):
+    """What reflects light."""
+
+    def reflected(
+        self, points: Points, features: np.ndarray, row: np.ndarray, to_light: np.ndarray, alpha2: np.float32
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `CompiledNetwork.reflected`."""
+
+
+def reflected_once(
+    surface: Reflecting, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray,
+    alpha2: np.float32,
+) -> np.ndarray:  # fmt: skip
+    """Return (n, 3) float32 radiance over P / (4 pi^2) that a lamp at (3,) causes but for bounced light.
+
+    Parameters
+    ----------
+    points, known, irradiance
+        The points, their features and albedo, and what (n,) of the lamp reaches them.
+    alpha2
+        Squared GGX width of the highlight.
+    """
+    features, albedo = known
+    lit = np.flatnonzero(irradiance)
+    to_light = light - points.position[lit]
+    to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
+    even, gloss = surface.reflected(points, features, lit, to_light, alpha2)
+    colour = np.zeros_like(albedo)
+    colour[lit] = irradiance[lit, None].astype(np.float32) * (albedo[lit] * even + gloss)
+    return colour
 
 
 class CompiledNetwork:
@@ -104,23 +137,11 @@ class CompiledNetwork:
 
     def directly(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return what `bounced_by` does of the light that is reflected once."""
-        return self._directly(points, *known, irradiance, light, self.alpha2)
+        return reflected_once(self, points, known, irradiance, light, self.alpha2)
 
     def mirrored(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return what `directly` does for points as mirrors show them, before these take their share."""
-        return self._directly(points, *known, irradiance, light, self.mirror_alpha2)
-
-    def _directly(
-        self, points: Points, features: np.ndarray, albedo: np.ndarray, irradiance: np.ndarray,
-        light: np.ndarray, alpha2: np.float32,
-    ) -> np.ndarray:  # fmt: skip
-        lit = np.flatnonzero(irradiance)
-        to_light = light - points.position[lit]
-        to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
-        even, gloss = self.reflected(points, features, lit, to_light, alpha2)
-        colour = np.zeros_like(albedo)
-        colour[lit] = irradiance[lit, None].astype(np.float32) * (albedo[lit] * even + gloss)
-        return colour
+        return reflected_once(self, points, known, irradiance, light, self.mirror_alpha2)
 
     def fresnel(self, points: Points) -> np.ndarray:
         """Return the share (n, 3) float32 that mirrors at points reflect of what the camera's rays meet."""

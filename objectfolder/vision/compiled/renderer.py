@@ -9,6 +9,7 @@ from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import sub_ray_offsets
 from objectfolder.vision.compiled.borders import contrasting, mixed, smoothed, sum_by_pixel
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
+from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.network import CompiledNetwork, Known
 from objectfolder.vision.compiled.rasteriser import meet_planes
@@ -18,6 +19,7 @@ from objectfolder.vision.compiled.visibility import MARGIN, Crop, Projection, Vi
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.sparse_grid import SparseGrid
 
 # Radiance of one unit as it is commonly shown: contrast is judged as the eye would, without asking a scale.
@@ -163,8 +165,25 @@ class CompiledRenderer:
         weights: Mapping[str, np.ndarray],
         radiance_scale: float,
     ) -> None:
-        self._network = CompiledNetwork(grid, weights)
-        self._surface = LitSurface(surface)
+        self._set(LitSurface(surface), CompiledNetwork(grid, weights), radiance_scale)
+
+    @classmethod
+    def of_material(
+        cls, surface: UnitSurface, material: Material, radiance_scale: float
+    ) -> "CompiledRenderer":
+        """Return a renderer of a surface of known material, with nothing learned.
+
+        Raises
+        ------
+        FormatError
+            A material that is not known in full.
+        """
+        renderer, lit = cls.__new__(cls), LitSurface(surface)
+        renderer._set(lit, KnownLight(lit, surface, material), radiance_scale)
+        return renderer
+
+    def _set(self, surface: LitSurface, network: CompiledNetwork | KnownLight, radiance_scale: float) -> None:
+        self._surface, self._network = surface, network
         self._scale = np.array([radiance_scale] * 3 + [1.0], dtype=np.float32)
 
     def render(
@@ -319,7 +338,7 @@ class CompiledRenderer:
     def _seen(self, points: Points) -> _Seen:
         place = np.full(len(points.face), -1)
         met, share = points.of(np.empty(0, dtype=np.int64)), np.empty((0, 3), dtype=np.float32)
-        if self._network.mirrors:
+        if isinstance(self._network, CompiledNetwork) and self._network.mirrors:
             row, met = self._surface.mirrored(points)
             place[row] = np.arange(len(row))
             share = self._network.fresnel(points.of(row))
@@ -339,7 +358,7 @@ class CompiledRenderer:
     def _directly(self, seen: _Seen, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return the colour (n, 3) but for bounced light."""
         colour = self._network.directly(seen.points, seen.known, irradiance, light)
-        if self._network.mirrors:
+        if isinstance(self._network, CompiledNetwork) and self._network.mirrors:
             row = np.flatnonzero(seen.place >= 0)
             met, (features, albedo) = seen.place[row], seen.met_known
             points = seen.met.of(met)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from objectfolder.jit import kernel
+from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.network import CompiledNetwork
 from objectfolder.vision.environment import LIGHTS, Environment
@@ -104,7 +105,9 @@ class Surroundings:
         Its light.
     """
 
-    def __init__(self, surface: LitSurface, network: CompiledNetwork, environment: Environment) -> None:
+    def __init__(
+        self, surface: LitSurface, network: CompiledNetwork | KnownLight, environment: Environment
+    ) -> None:
         self._surface, self._network, self._environment = surface, network, environment
 
     def gathered(self, points: Points, cast: Cast, bounces: bool = True) -> Gathered:
@@ -114,7 +117,8 @@ class Surroundings:
         arriving, unhindered, bounced, told = (np.zeros((len(features), 3)) for _ in range(4))
         turns = LIGHTS // LIGHTS_A_PIXEL
         turn = (4 * (cast.rows % 4) + cast.columns % 4) * 5 % turns
-        lamps = network.lamps(around.directions)
+        if bounces and isinstance(network, KnownLight):
+            bounced = network.bounced_round(points, features, around)
         for index in range(LIGHTS_A_PIXEL):
             light = index * turns + (turn + 3 * index) % turns
             direction, power = around.directions[light], around.powers[light]
@@ -125,14 +129,17 @@ class Surroundings:
             lit = np.flatnonzero(irradiance)
             even, _ = network.reflected(points, features, lit, direction[lit], network.alpha2)
             arriving[lit] += irradiance[lit, None] * power[lit] * even
-            if bounces and index % BOUNCED_STEP == BOUNCED_STEP // 2:
+            due = bounces and index % BOUNCED_STEP == BOUNCED_STEP // 2
+            if due and isinstance(network, CompiledNetwork):
                 # As strong as the far light is at the point.
                 square = ((direction - points.position) ** 2).sum(axis=1)
+                lamps = network.lamps(around.directions)
                 there = network.bounced(points, features, light, lamps, irradiance / square)
                 bounced += power * square[:, None] * there
                 told += power
-        total = around.powers.sum(axis=0)
-        bounced *= np.divide(total, told, out=np.zeros_like(told), where=told > 0)
+        if told.any():
+            total = around.powers.sum(axis=0)
+            bounced *= np.divide(total, told, out=np.zeros_like(told), where=told > 0)
         return Gathered(arriving, unhindered, bounced)
 
     def outlined(self, points: Points, gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:
@@ -219,7 +226,7 @@ class Surroundings:
     def in_mirrors(self, points: Points, cast: Cast, samples: int) -> np.ndarray:
         """Return pi times the radiance (n, 3) of the surface as points show it."""
         answer = np.zeros((len(points.face), 3))
-        if self._network.mirrors:
+        if isinstance(self._network, CompiledNetwork) and self._network.mirrors:
             row, met = self._surface.mirrored(points)
             gathered = self.gathered(met, cast.of(row), bounces=False)
             matt, gloss, _ = self.shown(met, gathered, cast.of(row), samples, self._network.mirror_alpha2)

@@ -2,11 +2,13 @@
 
 import numpy as np
 
+from objectfolder.errors import InputError
 from objectfolder.products.store import Product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
 from objectfolder.vision.network.surface_maps import SurfaceMaps
 from objectfolder.vision.visionnet.training import Priors, trace_training_rays, train
@@ -31,7 +33,7 @@ def fit_visionnet(
     training_sub_rays: int | None = None, training_pixels: int = 600_000, learning_rate: float = 1e-2,
     grid_corners: int = 100_000, grid_resolution: int = 128, mirrors: bool | None = None,
     base_colour_weight: float = 0.3, evenness_weight: float = 1e-3, maps: SurfaceMaps | None = None,
-    seed: int = 0,
+    material: str = "learned", seed: int = 0,
 ) -> VisionNet:  # fmt: skip
     """Fit a VisionNet to the views that are not held out.
 
@@ -59,15 +61,26 @@ def fit_visionnet(
         all over, see `training.Priors`; 0 not at all. Views without that pass are fitted without the first.
     maps
         What the source has of normals, holes, roughness and metallic on the surface's faces.
+    material
+        ``"learned"``; or ``"known"``: nothing is fitted, light is computed from the albedo, roughness and
+        metallic that the maps and the views' appearance state.
     seed
         Of initial weights, batches and rays.
 
     Raises
     ------
     InputError
-        No training view shows the object.
+        No training view shows the object; a known material without a map of albedo, or another word for one.
     """
     appearance = Appearance(**views.attributes["appearance"])
+    scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
+    radius = float(views.attributes["camera_radius"])
+    if material == "known" and Material(maps, appearance).states("albedo"):
+        return VisionNet(surface, frame, None, {}, radiance_scale=scale, camera_radius=radius,
+                         maps=maps, appearance=appearance)  # fmt: skip
+    if material != "learned":
+        remedy = "Use 'learned', or 'known' where the source has a texture."
+        raise InputError("visionnet.material", f"{material!r} of this object", remedy)
     mirrors = shows_itself(appearance, surface) if mirrors is None else mirrors
     if training_sub_rays is None:
         alpha = views["rgba"][~views["held_out"]][..., 3]
@@ -84,12 +97,10 @@ def fit_visionnet(
                                int(training_pixels * share), seed, mirrors=mirrors)  # fmt: skip
     points = covering_points(shown.surface, frame.to_unit(shown.surface.vertices), grid_resolution)
     grid = SparseGrid.within_budget(np.concatenate([points, rays.position]), grid_corners, grid_resolution)
-    scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
     network = train(grid, rays, radiance_scale=scale, steps=steps,
                     batch_pixels=max(1, int(batch_pixels * share)), learning_rate=learning_rate, seed=seed,
                     priors=Priors(base_colour_weight, evenness_weight))  # fmt: skip
     weights = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
-    radius = float(views.attributes["camera_radius"])
     return VisionNet(surface, frame, grid, weights, radiance_scale=scale, camera_radius=radius,
                      maps=maps, appearance=appearance)  # fmt: skip
 

@@ -19,9 +19,9 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import image_crop, image_size
-from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.network_layout import has_mirrors, weight_shapes
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
 from objectfolder.vision.network.surface_maps import SurfaceMaps
@@ -69,9 +69,9 @@ class VisionNet:
     frame
         Its unit frame.
     grid
-        Cells of the feature grid.
+        Cells of the feature grid; None where light is computed from the material.
     weights
-        Arrays of `reflectance.Reflectance` by name, float16.
+        Arrays of `reflectance.Reflectance` by name, float16; none without a grid.
     radiance_scale
         P / (4 pi^2), watts: what one unit of the network's output is in scene-linear radiance.
     camera_radius
@@ -85,6 +85,8 @@ class VisionNet:
 
     Attributes
     ----------
+    computed
+        Whether light is computed from the material, and nothing is learned.
     radiance_scale, camera_radius, sub_rays
         As given.
     device
@@ -95,7 +97,7 @@ class VisionNet:
         self,
         surface: Surface,
         frame: UnitFrame,
-        grid: SparseGrid,
+        grid: SparseGrid | None,
         weights: Mapping[str, np.ndarray],
         *,
         radiance_scale: float,
@@ -108,8 +110,10 @@ class VisionNet:
         self.sub_rays = sub_rays
         self._surface = UnitSurface(surface, frame, maps)
         self._maps, self._appearance = maps, appearance
+        self._material = Material(maps, appearance)
         self._grid = grid
         self._weights = dict(weights)
+        self.computed = grid is None
         self.radiance_scale = radiance_scale
         self.device = "cpu"
         self._renderer: CompiledRenderer | TorchRenderer | None = None
@@ -117,8 +121,9 @@ class VisionNet:
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of an Object File, names beginning with ``vision.``."""
         maps = {} if self._maps is None else self._maps.tensors()
+        grid = {} if self._grid is None else {PREFIX + "grid": self._grid.to_bytes()}
         return (
-            {PREFIX + "grid": self._grid.to_bytes()}
+            grid
             | {f"{PREFIX}{name}": value for name, value in self._weights.items()}
             | {f"{PREFIX}{MAP}{name}": stream for name, stream in maps.items()}
         )
@@ -126,7 +131,7 @@ class VisionNet:
     def metadata(self) -> dict[str, Any]:
         """Return what the tensors do not say, as JSON."""
         return {
-            "grid_resolution": self._grid.resolution,
+            **({} if self._grid is None else {"grid_resolution": self._grid.resolution}),
             "radiance_scale": self.radiance_scale,
             "camera_radius": self.camera_radius,
             "sub_rays": self.sub_rays,
@@ -150,24 +155,14 @@ class VisionNet:
             A tensor that is missing or of the wrong shape, or a number of sub-rays that nobody stores.
         """
         own = {key.removeprefix(PREFIX): value for key, value in tensors.items() if key.startswith(PREFIX)}
-        if "grid" not in own:
-            raise FormatError(PREFIX + "grid", "missing")
-        resolution = whole_number(
-            "vision.grid_resolution", metadata["grid_resolution"], 8, LARGEST_RESOLUTION
-        )
-        grid = SparseGrid.from_bytes(own.pop("grid"), resolution)
         streams = {name.removeprefix(MAP): own.pop(name) for name in list(own) if name.startswith(MAP)}
         maps = None
         if streams or "maps" in metadata:
             triangles = frame.to_unit(surface.vertices)[surface.faces]
             maps = SurfaceMaps.from_tensors(surface, triangles, metadata.get("maps", {}), streams)
-        expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
-        for name in sorted(expected.keys() | own.keys()):
-            found = own[name].shape if name in own else None
-            if found != expected.get(name):
-                raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
-            if not np.isfinite(own[name]).all():
-                raise FormatError(PREFIX + name, "not finite", REMEDY)
+        appearance = _appearance(metadata.get("appearance"))
+        known = appearance is not None and Material(maps, appearance).states("albedo")
+        grid = None if known and not own else _grid_of(own, metadata)
         return cls(
             surface,
             frame,
@@ -177,7 +172,7 @@ class VisionNet:
             camera_radius=number("vision.camera_radius", metadata["camera_radius"], 0.1, 1e3),
             sub_rays=whole_number("vision.sub_rays", metadata["sub_rays"], 1, MOST_SUB_RAYS),
             maps=maps,
-            appearance=_appearance(metadata.get("appearance")),
+            appearance=appearance,
         )
 
     def on(self, device: str = "cpu") -> "VisionNet":
@@ -192,13 +187,15 @@ class VisionNet:
         Raises
         ------
         QueryError
-            A device that is not at hand.
+            A device that is not at hand; CUDA for an object of known material.
         MissingPackageError
             CUDA without torch.
         """
         if device not in DEVICES:
             raise QueryError("device", f"{device!r}", "Use 'cpu' or 'cuda'.")
         if device == "cuda":
+            if self.computed:
+                raise QueryError("device", "an object of known material on 'cuda'", "Use the device 'cpu'.")
             if importlib.util.find_spec("torch") is None:
                 raise missing_package("torch", "cuda")
             from objectfolder.vision.rendering.torch_renderer import require_cuda
@@ -211,6 +208,12 @@ class VisionNet:
     def _rendering(self) -> "CompiledRenderer | TorchRenderer":
         """Make the renderer at the first query: importing numba or torch is slow."""
         if self._renderer is None:
+            if self._grid is None:
+                from objectfolder.vision.compiled import CompiledRenderer
+
+                known = self._surface, self._material, self.radiance_scale
+                self._renderer = CompiledRenderer.of_material(*known)
+                return self._renderer
             parts = self._surface, self._grid, self._weights, self.radiance_scale
             if self.device == "cpu":
                 from objectfolder.vision.compiled import CompiledRenderer
@@ -293,8 +296,7 @@ class VisionNet:
 
     def states(self, name: str) -> bool:
         """Whether the file states albedo, roughness or metallic, one of `REFLECTANCE`."""
-        mapped = self._maps is not None and name in self._maps
-        return mapped or (name != "albedo" and self._appearance is not None)
+        return self._material.states(name)
 
     def reflectance(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Return linear albedo (n, 3), roughness or metallic (n,) of points of the stored surface.
@@ -311,12 +313,7 @@ class VisionNet:
         QueryError
             Something that the file does not state.
         """
-        if not self.states(name):
-            raise QueryError("passes", f"{name} is not stated by this Object File", "Build it again.")
-        if self._maps is None or name not in self._maps:
-            return np.full(len(face), float(getattr(self._appearance, name)))
-        values = self._maps.value(name, face, barycentric)
-        return srgb_decode(values) if name == "albedo" else values[:, 0]
+        return self._material.value(name, face, barycentric)
 
     def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
         if self.device != "cpu":
@@ -365,3 +362,19 @@ def _bands(part: tuple[int, int, int, int]) -> Iterator[tuple[slice, tuple[int, 
     for start in range(0, height, step):
         rows = min(step, height - start)
         yield slice(start, start + rows), (top + start, left, rows, width)
+
+
+def _grid_of(own: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> SparseGrid:
+    """Take the grid from the tensors of a network, and check what is left, its weights."""
+    if "grid" not in own:
+        raise FormatError(PREFIX + "grid", "missing")
+    resolution = whole_number("vision.grid_resolution", metadata["grid_resolution"], 8, LARGEST_RESOLUTION)
+    grid = SparseGrid.from_bytes(own.pop("grid"), resolution)
+    expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
+    for name in sorted(expected.keys() | own.keys()):
+        found = own[name].shape if name in own else None
+        if found != expected.get(name):
+            raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
+        if not np.isfinite(own[name]).all():
+            raise FormatError(PREFIX + name, "not finite", REMEDY)
+    return grid

@@ -1,0 +1,96 @@
+"""Sight computed from a known material: as theory has it, and stored without a network."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_normal_maps import stored
+from vision_shapes import cube, sphere
+
+from objectfolder.batch.sight import SightBatch
+from objectfolder.errors import FormatError, QueryError
+from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.cameras import look_at
+from objectfolder.vision.compiled.lighting import LitSurface
+from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
+from objectfolder.vision.environment import Environment
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.material import Material
+from objectfolder.vision.visionnet.visionnet import VisionNet
+
+CAMERA = look_at(np.array([[1.4, -1.5, 1.3]]))
+MATT = Appearance(0.5, 0.0, 0.0)
+ALBEDO = 0.5
+
+
+class Even(Material):
+    """One albedo all over."""
+
+    def value(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        value = super().value(name, face, barycentric) if name != "albedo" else 0.0
+        return value if name != "albedo" else np.full((len(face), 3), ALBEDO)
+
+
+def known(appearance: Appearance = MATT) -> VisionNet:
+    _, frame, maps = stored(cube())
+    return VisionNet(
+        maps.surface, frame, None, {}, radiance_scale=0.5, camera_radius=2.5, maps=maps, appearance=appearance
+    )
+
+
+def test_light_in_a_hollow_ball_comes_back_as_the_geometric_series_says():
+    ball = sphere(0.5, (255, 255, 255), 3)
+    surface = Surface(ball.vertices, ball.faces[:, ::-1], normals=-ball.surface.corner_normals[:, ::-1])
+    unit = UnitSurface(surface, UnitFrame.of_points(ball.vertices))
+    lit = LitSurface(unit)
+    radiosity = Radiosity(lit, unit, Even(None, MATT))
+    samples = surface.sample(200, seed=1)
+    found = radiosity.from_lamp(np.zeros(3), samples.face, samples.barycentric)
+    series = sum(ALBEDO**bounce for bounce in range(1, BOUNCES + 1)) / 0.5**2
+    np.testing.assert_allclose(found.mean(), series, rtol=0.03)
+    assert found.std() < 0.1 * series
+
+
+def test_a_convex_body_sends_itself_nothing_and_lambert_lights_it():
+    net = known()
+    light = np.array([0.3, -1.2, 1.0])
+    shown, passes = (
+        net.render(CAMERA, light, 32, 39.6),
+        net.render(CAMERA, light, 32, 39.6, passes=("albedo", "normal", "mask")),
+    )
+    inside = passes["mask"][0] & (shown[0, ..., 3] == 1)
+    assert net._rendering()._network._radiosity._exchange.max() == 0
+    # The lamp is behind what the normal says is dark, and nothing but it shines.
+    dark = inside & ((passes["normal"][0] @ light) < -0.5)
+    lit = inside & ((passes["normal"][0] @ light) > 0.6)
+    assert not shown[0][dark][:, :3].any()
+    assert (shown[0][lit][:, :3] > 0).any(axis=1).all()
+
+
+def test_a_file_without_a_network_opens_and_answers_alike():
+    net = known(Appearance(0.4, 0.5))
+    tensors, metadata = net.tensors(), net.metadata()
+    assert set(tensors) == {"vision.map.albedo"}
+    again = VisionNet.from_tensors(tensors, metadata, net._surface.surface, net._surface.frame)
+    for lights in (np.array([0.3, -1.2, 1.0]), Environment.of("sun")):
+        image = net.render(CAMERA, lights, 16, 39.6, 4)
+        assert image[..., :3].max() > 0
+        np.testing.assert_array_equal(again.render(CAMERA, lights, 16, 39.6, 4), image)
+    del metadata["appearance"]
+    with pytest.raises(FormatError, match=r"vision\.grid"):
+        VisionNet.from_tensors(tensors, metadata, net._surface.surface, net._surface.frame)
+
+
+def test_versions_tell_files_apart_and_what_needs_a_network_is_refused(small_file: Path):
+    file = ObjectFile.load(small_file)
+    assert file.content().metadata["format_version"] == "3"
+    net = known()
+    with pytest.raises(QueryError, match="known material"):
+        net.on("cuda")
+    file.sight.net = net
+    assert file.content().metadata["format_version"] == "4"
+    with pytest.raises(QueryError, match="computed"):
+        SightBatch([file.sight], "cpu")
