@@ -75,7 +75,7 @@ def test_a_file_without_a_network_opens_and_answers_alike():
     tensors, metadata = net.tensors(), net.metadata()
     assert set(tensors) == {"vision.map.albedo"}
     again = VisionNet.from_tensors(tensors, metadata, net._surface.surface, net._surface.frame)
-    for lights in (np.array([0.3, -1.2, 1.0]), Environment.of("sun")):
+    for lights in (np.array([0.3, -1.2, 1.0]), Environment.of("window")):
         image = net.render(CAMERA, lights, 16, 39.6, 4)
         assert image[..., :3].max() > 0
         np.testing.assert_array_equal(again.render(CAMERA, lights, 16, 39.6, 4), image)

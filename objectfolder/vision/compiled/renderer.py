@@ -338,7 +338,7 @@ class CompiledRenderer:
     def _seen(self, points: Points) -> _Seen:
         place = np.full(len(points.face), -1)
         met, share = points.of(np.empty(0, dtype=np.int64)), np.empty((0, 3), dtype=np.float32)
-        if isinstance(self._network, CompiledNetwork) and self._network.mirrors:
+        if not isinstance(self._network, KnownLight) and self._network.mirrors:
             row, met = self._surface.mirrored(points)
             place[row] = np.arange(len(row))
             share = self._network.fresnel(points.of(row))
@@ -358,7 +358,7 @@ class CompiledRenderer:
     def _directly(self, seen: _Seen, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return the colour (n, 3) but for bounced light."""
         colour = self._network.directly(seen.points, seen.known, irradiance, light)
-        if isinstance(self._network, CompiledNetwork) and self._network.mirrors:
+        if not isinstance(self._network, KnownLight) and self._network.mirrors:
             row = np.flatnonzero(seen.place >= 0)
             met, (features, albedo) = seen.place[row], seen.met_known
             points = seen.met.of(met)

@@ -130,7 +130,7 @@ class Surroundings:
             even, _ = network.reflected(points, features, lit, direction[lit], network.alpha2)
             arriving[lit] += irradiance[lit, None] * power[lit] * even
             due = bounces and index % BOUNCED_STEP == BOUNCED_STEP // 2
-            if due and isinstance(network, CompiledNetwork):
+            if due and not isinstance(network, KnownLight):
                 # As strong as the far light is at the point.
                 square = ((direction - points.position) ** 2).sum(axis=1)
                 lamps = network.lamps(around.directions)
@@ -226,7 +226,7 @@ class Surroundings:
     def in_mirrors(self, points: Points, cast: Cast, samples: int) -> np.ndarray:
         """Return pi times the radiance (n, 3) of the surface as points show it."""
         answer = np.zeros((len(points.face), 3))
-        if isinstance(self._network, CompiledNetwork) and self._network.mirrors:
+        if not isinstance(self._network, KnownLight) and self._network.mirrors:
             row, met = self._surface.mirrored(points)
             gathered = self.gathered(met, cast.of(row), bounces=False)
             matt, gloss, _ = self.shown(met, gathered, cast.of(row), samples, self._network.mirror_alpha2)
