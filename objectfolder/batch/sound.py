@@ -1,17 +1,19 @@
 """Thousands of strikes on several objects at once: what `strike` answers, as one matrix product an object.
 
-Free motion at sample b B + j is a product of a table over blocks b and one over samples j of a block (see
-`objectfolder.audio.synthesis.bank`), and what is heard is linear in the modal velocities: both tables are
-made in double precision on the host and multiplied in single precision on the device, without TF32.
+Free motion at sample b B + j is a product of a table over blocks b and one over samples j of a block, and
+what is heard is linear in the modal velocities: both tables are made in double precision on the host and
+multiplied in single precision on the device, without TF32.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank, interleaved, samples_of
+from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
+from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.struck_body import CONTACT, Source
 from objectfolder.batch.resident import ResidentTrees, numbers, object_indices, upload
@@ -21,6 +23,7 @@ from objectfolder.errors import QueryError
 # Numbers of one product's left side.
 AT_ONCE = 1 << 26
 TABLES = 64
+LONGEST_BLOCK = 1024
 
 
 class SoundBatch:
@@ -143,20 +146,20 @@ class Table:
     def __init__(self, source: Source, samples: int, pulse_s: float | None, device: torch.device) -> None:
         delay = source.delay_s * source.oscillators.sample_rate_hz
         self.begin = min(int(np.ceil(delay)), samples)
-        bank = Bank(source.oscillators, source.weights, samples - self.begin, FLOOR_DB)
-        modes = len(bank.order)
+        bank = Resonators.of(source.oscillators, source.weights, FLOOR_DB)
+        modes, oscillators = len(bank), bank.oscillators
         ahead = self.begin - delay if self.begin < samples else 0.0
-        onset, (first, second) = bank.onset(np.eye(modes), pulse_s, ahead, samples - self.begin)
+        onset, coefficients = bank.onset(np.eye(modes), pulse_s, ahead, samples - self.begin)
         self.free = self.begin + onset.shape[1]
-        blocks = -(-(samples - self.free) // bank.block)
-        matrix = bank.oscillators.shift_matrix(bank.oscillators.basis(bank.block * np.arange(blocks)))
-        coarse = interleaved(
-            matrix[0] * np.diag(first) + matrix[1] * np.diag(second),
-            matrix[2] * np.diag(first) + matrix[3] * np.diag(second),
-        )
+        first, second = np.diagonal(coefficients, axis1=0, axis2=2)
+        block = min(max(16, 16 * (math.isqrt(max(samples - self.begin - 1, 0)) // 8)), LONGEST_BLOCK)
+        blocks = -(-(samples - self.free) // block)
+        matrix = oscillators.shift_matrix(oscillators.basis(block * np.arange(blocks)))
+        coarse = _interleaved(matrix[0] * first + matrix[1] * second, matrix[2] * first + matrix[3] * second)
+        fine = _interleaved(*oscillators.basis(np.arange(block))).T
         single = np.float32
         self.onset, self.coarse = upload(onset.astype(single), device), upload(coarse.astype(single), device)
-        self.fine = upload(bank.fine.astype(single), device)
+        self.fine = upload(fine.astype(single), device)
         self.columns = upload(source.columns[bank.order], device)
         self.gains = None if source.gains is None else upload(source.gains, device)
         self.observed = None if source.observed is None else upload(source.observed, device)
@@ -193,6 +196,11 @@ def write(
                 target[:, table.free :] += product[:, :left]
         if rows is not None:
             sound[rows[here]] = target
+
+
+def _interleaved(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Two (n, modes) as one (n, 2 modes), mode by mode."""
+    return np.stack([first, second], axis=2).reshape(len(first), -1)
 
 
 def _covariance(a: Tensor, b: Tensor) -> Tensor:

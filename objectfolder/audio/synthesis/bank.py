@@ -1,4 +1,4 @@
-"""The mode bank: all contacts of a batch as one product.
+"""The mode bank: modes that ring after an impulse or a pulse.
 
 Amplitude contract. An impulse J (newton seconds) at a point x gives mode i the modal velocity phi_i(x) . J,
 phi_i of unit modal mass (kg^-1/2). The part of a mode that moves air is the normal velocity of the surface,
@@ -10,10 +10,6 @@ amplitudes a_i = (phi_i(x) . J) r_i the velocity response is
 in metres a second: the true velocity of the modes (an impulse makes it jump at t = 0; a pulse of finite
 length makes it continuous), linear in J; nothing is normalised. Displacement (m) and acceleration (m/s^2,
 without the delta of an ideal impulse) are the same modes' q and q''.
-
-Free motion at sample b B + j is a product of two short tables, one over blocks b and one over samples j
-of a block, so that a sound is the matrix product of (blocks, 2 modes) with (2 modes, samples of a block).
-Modes are in the order of their lifetimes, and a block has those that still live.
 """
 
 import math
@@ -22,18 +18,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.half_sine import HalfSine
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
 from objectfolder.renaming import formerly_positional
 
 Floats = NDArray[np.float64]
 FLOOR_DB = -220.0
-LOWEST_FLOOR_DB = -600.0  # beyond, numbers would leave the range of full precision
-LONGEST_BLOCK = 1024
-CHUNK_NUMBERS = 1 << 20  # of coefficients at once
-PRODUCT_NUMBERS = 1 << 17  # of weighted rows multiplied at once: they stay in the cache
-SEGMENT_BLOCKS = 512
+CHUNK_NUMBERS = 1 << 20  # of sound and of coefficients at once
 
 
 @formerly_positional
@@ -134,152 +126,25 @@ def ring(
     if not (math.isfinite(delay_s) and delay_s >= 0):
         raise QueryError("delay_s", f"{delay_s} s", "Give a delay that is not negative.")
     columns = np.arange(len(oscillators)) if columns is None else columns
-    bank = Bank(oscillators, weights, sound.shape[1], floor_db)
+    bank = Resonators.of(oscillators, weights, floor_db)
     columns = columns[bank.order]
     delay = delay_s * oscillators.sample_rate_hz
-    begin = math.ceil(delay)
-    for rows, pulse in _groups(durations, len(amplitudes), max(1, CHUNK_NUMBERS // max(1, len(columns)))):
+    begin = min(math.ceil(delay), sound.shape[1])
+    left = sound.shape[1] - begin
+    most = max(1, CHUNK_NUMBERS // max(1, left + 4 * len(columns)))
+    for rows, pulse in _groups(durations, len(amplitudes), most):
         chunk = np.asarray(amplitudes[rows], dtype=np.float64)
         if not np.isfinite(chunk).all():
             raise QueryError("amplitudes", "not finite", "Give finite impulses.")
-        target = sound[rows]  # a view, but for rows that are a list
-        target[:, :begin] = 0
-        bank.strike(np.ascontiguousarray(chunk[:, columns]), target[:, begin:], pulse, begin - delay)
-        if not isinstance(rows, slice):
+        onset, coefficients = bank.onset(chunk[:, columns], pulse, math.ceil(delay) - delay, left)
+        # Written in place where the kernel can: pages of new memory cost more than the sound.
+        in_place = isinstance(rows, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
+        target = np.asarray(sound[rows]) if in_place else np.empty((len(chunk), sound.shape[1]))
+        free = begin + onset.shape[1]
+        target[:, :begin], target[:, begin:free], target[:, free:] = 0, onset, 0
+        bank.ring(coefficients, target, free)
+        if not in_place:
             sound[rows] = target
-
-
-class Bank:
-    """Tables of oscillators for sounds of up to `samples` samples.
-
-    Attributes
-    ----------
-    order : (modes,) indices of the oscillators given, those that live longest first
-    oscillators : in that order
-    lifetimes : (modes,) samples, in that order
-    block : samples of a block
-    """
-
-    def __init__(
-        self, oscillators: Oscillators, weights: tuple[Floats, Floats], samples: int, floor_db: float
-    ) -> None:
-        if not LOWEST_FLOOR_DB <= floor_db < 0:
-            raise QueryError("floor_db", f"{floor_db} dB", f"Give {LOWEST_FLOOR_DB:g} to below 0.")
-        lifetimes = oscillators.lifetimes(floor_db)
-        self.order = np.argsort(-lifetimes, kind="stable")
-        self.lifetimes = lifetimes[self.order]
-        self.oscillators = oscillators.take(self.order)
-        self.weights = (weights[0][self.order], weights[1][self.order])
-        self.samples = samples
-        # A multiple of 16 suits vector registers. It must not depend on the number of contacts, for then
-        # the bits of a sound would.
-        self.block = min(max(16, 16 * (math.isqrt(max(samples - 1, 0)) // 8)), LONGEST_BLOCK)
-        self.fine = interleaved(*self.oscillators.basis(np.arange(self.block))).T.copy()
-
-    def strike(
-        self, amplitudes: Floats, sound: NDArray[np.floating], pulse_s: float | None, ahead: float
-    ) -> None:
-        """Write sounds (n, samples) of contacts that began `ahead` samples (below 1) before the first."""
-        onset, coefficients = self.onset(amplitudes, pulse_s, ahead, sound.shape[1])
-        during = onset.shape[1]
-        sound[:, :during] = onset
-        if during < sound.shape[1]:
-            self.free(coefficients, sound[:, during:])
-
-    def onset(
-        self, amplitudes: Floats, pulse_s: float | None, ahead: float, most: int
-    ) -> tuple[Floats, tuple[Floats, Floats]]:
-        """Sounds (n, k) while the pulse lasts, k at most `most`, and coefficients (n, modes) at sample k."""
-        if pulse_s is None:
-            state = (np.zeros_like(amplitudes), amplitudes)
-            return np.zeros((len(amplitudes), 0)), self.coefficients(state, ahead)
-        response = HalfSine.of(self.oscillators, pulse_s)
-        ends = pulse_s * self.oscillators.sample_rate_hz - ahead
-        during = min(max(0, math.ceil(ends)), most)
-        times = (np.arange(during) + ahead) / self.oscillators.sample_rate_hz
-        onset = forced(response, self.weights, amplitudes, times)
-        if during:
-            free = np.empty_like(onset)
-            start = (amplitudes * response.start[0], amplitudes * response.start[1])
-            self.free(self.coefficients(start, ahead), free)
-            onset += free
-        state = (amplitudes * response.end[0], amplitudes * response.end[1])
-        return onset, self.coefficients(state, max(0.0, during - ends))
-
-    def coefficients(self, state: tuple[Floats, Floats], later: float) -> tuple[Floats, Floats]:
-        """Coefficients (n, modes) some samples after displacements and velocities (n, modes)."""
-        found = self.oscillators.coefficients(self.weights, *state)
-        return self.oscillators.shifted(found, [later]) if later else found
-
-    def free(self, coefficients: tuple[Floats, Floats], sound: NDArray[np.floating]) -> None:
-        """Write the free motion (n, samples) from coefficients (n, modes) at the first sample."""
-        first, second = (np.repeat(part, 2, axis=1) for part in coefficients)
-        total = sound.shape[1]
-        for start, stop, living in self.segments(total):
-            if living == 0:
-                sound[:, start:] = 0
-                return
-            blocks = -(-(stop - start) // self.block)
-            modes = (
-                self.oscillators if living == len(self.order) else self.oscillators.take(np.arange(living))
-            )
-            m0, m1, m2, m3 = modes.shift_matrix(modes.basis(start + self.block * np.arange(blocks)))
-            of_first, of_second = interleaved(m0, m2), interleaved(m1, m3)
-            fine = self.fine[: 2 * living, : stop - start]
-            step = max(1, PRODUCT_NUMBERS // (blocks * 2 * living))
-            rows = np.empty((min(step, len(sound)), blocks, 2 * living))
-            part = np.empty_like(rows)
-            for contact in range(0, len(sound), step):
-                here = slice(contact, min(contact + step, len(sound)))
-                count = here.stop - here.start
-                np.multiply(first[here, None, : 2 * living], of_first, out=rows[:count])
-                np.multiply(second[here, None, : 2 * living], of_second, out=part[:count])
-                rows[:count] += part[:count]
-                product = np.matmul(rows[:count], fine)
-                sound[here, start:stop] = product.reshape(count, -1)[:, : stop - start]
-
-    def segments(self, samples: int) -> Iterator[tuple[int, int, int]]:
-        """Runs of blocks (start, stop, living modes) of `samples`; a run ends where an eighth has died."""
-        start = 0
-        while start < samples:
-            living = int(np.searchsorted(-self.lifetimes, -start, side="left"))
-            stop = samples
-            if living:
-                shortest = self.lifetimes[living - 1 - living // 8]
-                if shortest < samples:
-                    blocks = max(1, math.ceil((shortest - start) / self.block))
-                    stop = min(stop, start + blocks * self.block)
-                stop = min(stop, start + SEGMENT_BLOCKS * self.block)
-            yield start, stop, living
-            start = stop
-
-    def work(self, samples: int, after: int = 0) -> float:
-        """Share of the mode-samples from sample `after` on that are computed."""
-        runs = ((max(start, after), stop, living) for start, stop, living in self.segments(samples))
-        done = sum(max(0, stop - start) * living for start, stop, living in runs)
-        return done / max(1, (samples - after) * len(self.order))
-
-
-def forced(response: HalfSine, weights: tuple[Floats, Floats], amplitudes: Floats, times: Floats) -> Floats:
-    """What a pulse adds to the free part while it lasts, (n, times), for amplitudes (n, modes)."""
-    pulse = np.pi / response.duration_s
-    sine, cosine = response.sinusoid
-    # Sums along rows, and products of a row each, have the same bits whatever the other rows are.
-    of_sine = (amplitudes * (weights[0] * sine - weights[1] * pulse * cosine)).sum(axis=1)
-    of_cosine = (amplitudes * (weights[0] * cosine + weights[1] * pulse * sine)).sum(axis=1)
-    phase = pulse * times
-    added = of_sine[:, None] * np.sin(phase) + of_cosine[:, None] * np.cos(phase)
-    if len(response.resonant):
-        which = response.resonant
-        displacement, velocity = response.resonance(times)
-        table = weights[0][which] * displacement + weights[1][which] * velocity
-        added += np.matmul(amplitudes[:, None, which], table.T)[:, 0]
-    return added
-
-
-def interleaved(first: Floats, second: Floats) -> Floats:
-    """Two (n, modes) as one (n, 2 modes), mode by mode."""
-    return np.stack([first, second], axis=2).reshape(len(first), -1)
 
 
 def samples_of(duration_s: float, sample_rate_hz: float) -> int:

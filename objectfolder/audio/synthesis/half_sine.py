@@ -62,6 +62,22 @@ class HalfSine:
             end[0][resonant], end[1][resonant] = displacement[0], velocity[0]
         return result
 
+    def forced(self, weights: tuple[Floats, Floats], amplitudes: Floats, times: Floats) -> Floats:
+        """What the pulse adds to the free part while it lasts, (n, times), for amplitudes (n, modes)."""
+        pulse = np.pi / self.duration_s
+        sine, cosine = self.sinusoid
+        # Sums along rows, and products of a row each, have the same bits whatever the other rows are.
+        of_sine = (amplitudes * (weights[0] * sine - weights[1] * pulse * cosine)).sum(axis=1)
+        of_cosine = (amplitudes * (weights[0] * cosine + weights[1] * pulse * sine)).sum(axis=1)
+        phase = pulse * times
+        added = of_sine[:, None] * np.sin(phase) + of_cosine[:, None] * np.cos(phase)
+        if len(self.resonant):
+            which = self.resonant
+            displacement, velocity = self.resonance(times)
+            table = weights[0][which] * displacement + weights[1][which] * velocity
+            added += np.matmul(amplitudes[:, None, which], table.T)[:, 0]
+        return np.asarray(added)
+
     def resonance(self, times: Floats) -> tuple[Floats, Floats]:
         """Displacement and velocity (n, resonant modes) of those at times (n,) within the pulse.
 

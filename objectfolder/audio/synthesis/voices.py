@@ -11,28 +11,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB, Bank
-from objectfolder.audio.synthesis.force import FORCE_BLOCK, ForceTables
+from objectfolder.audio.synthesis.bank import FLOOR_DB
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
 from objectfolder.query_values import whole
 from objectfolder.renaming import renamed_keywords
 
 Floats = NDArray[np.float64]
-LONGEST_BLOCK = 1024
 MOST_SAMPLES = 1 << 26  # of a block
 MOST_VOICES = 4096
 MOST_ONSET_SAMPLES = 1 << 22
-MOST_SHIFTS = 8  # tables of block lengths kept
 
 
 @dataclass(eq=False)
 class Voice:
-    """A contact that has not begun or not ended: `onset` (k,) from sample `start` on, then `coefficients`."""
+    """A contact not yet over: `onset` (k,) from sample `start` on, then `coefficients` (2, modes)."""
 
     start: int
     onset: Floats
-    coefficients: tuple[Floats, Floats]
+    coefficients: Floats
 
 
 class Voices:
@@ -71,14 +69,11 @@ class Voices:
     ) -> None:
         columns = np.arange(len(oscillators)) if columns is None else columns
         self._given = len(oscillators) if all_modes is None else all_modes
-        self._bank = Bank(oscillators, weights, LONGEST_BLOCK, floor_db)
+        self._bank = self._damped = Resonators.of(oscillators, weights, floor_db)
         self._columns = columns[self._bank.order]
         self._ends = -self._bank.lifetimes
-        self._free = FreeMotion.of(self._bank)
-        self._all = np.arange(len(oscillators)), self._free
-        self._sounded = self._all
+        self._heard: NDArray[np.int64] | None = None
         self._added: Floats | None = None
-        self._forces: ForceTables | None = None
         self._ringing = np.zeros((2, len(oscillators)))
         self._age = math.inf
         self._voices: list[Voice] = []
@@ -162,7 +157,7 @@ class Voices:
             raise QueryError("pulse_s", f"{pulse_s} s", "Give seconds; None for an ideal impulse.")
         self._make_room(0 if pulse_s is None else pulse_s * self._rate)
         onset, coefficients = self._bank.onset(given[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
-        self._voices.append(Voice(begin, onset[0], coefficients))
+        self._voices.append(Voice(begin, onset[0], coefficients[0]))
 
     @renamed_keywords(forces="forces_n")
     def push(self, gains: ArrayLike, forces_n: ArrayLike, *, at: int | None = None) -> None:
@@ -190,10 +185,9 @@ class Voices:
         if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
             raise QueryError("gains, forces_n", "not finite", "Give numbers.")
         self._make_room(len(pushes))
-        if self._forces is None:
-            self._forces = ForceTables(self._bank.oscillators, self._bank.weights, FORCE_BLOCK)
-        onset, state = self._forces.respond(fields[:, self._columns], pushes, len(pushes))
-        self._voices.append(Voice(begin, onset, self._bank.coefficients(state, 0.0)))
+        onset = np.zeros(len(pushes))
+        coefficients = self._bank.drive(fields[:, self._columns], pushes, onset)
+        self._voices.append(Voice(begin, onset, coefficients))
 
     def damp(self, added_per_s: Floats) -> None:
         """Let decay rates be larger from now on.
@@ -207,6 +201,7 @@ class Voices:
         every = np.zeros(self._given)
         every[: len(added_per_s)] = added_per_s
         self._added = every[self._columns] if every.any() else None
+        self._damped = self._bank if self._added is None else self._bank.damped(self._added)
 
     @property
     def frequencies_hz(self) -> Floats:
@@ -227,11 +222,8 @@ class Voices:
         heard
             (modes,) in the order of `amplitudes`.
         """
-        self._sound_only(np.flatnonzero(heard[: self.ringing_modes]))
-
-    def _sound_only(self, which: NDArray[np.int64]) -> None:
-        if not np.array_equal(which, self._sounded[0]):
-            self._sounded = which, self._free.take(which)
+        which = np.flatnonzero(heard[: self.ringing_modes])
+        self._heard = None if len(which) == self.ringing_modes else which
 
     def block(self, samples: int) -> Floats:
         """Return the next samples (samples,) float64.
@@ -242,10 +234,12 @@ class Voices:
             A number that is not positive.
         """
         samples = whole("samples", samples, 1, MOST_SAMPLES)
-        sound = np.zeros(samples)
-        for start in range(0, samples, LONGEST_BLOCK):
-            self._fill(sound[start : start + LONGEST_BLOCK])
-        return sound
+        sound = np.zeros((1, samples))
+        self._add_ringing(sound)
+        for voice in [voice for voice in self._voices if voice.start < self.now + samples]:
+            self._add_voice(voice, sound)
+        self.now += samples
+        return sound[0]
 
     @property
     def _rate(self) -> float:
@@ -265,115 +259,36 @@ class Voices:
             finding = f"{len(self._voices)} contacts wait, {waiting} samples of them"
             raise QueryError("voices", finding, "Take blocks before adding more.")
 
-    def _fill(self, sound: Floats) -> None:
-        """Add the next samples to `sound`."""
-        count = len(sound)
-        living = self.ringing_modes
-        if living:
-            which, free = self._sounded
-            left = int(which.searchsorted(living))
-            if 8 * left <= 7 * len(which):
-                self._sound_only(which[:left])
-                which, free = self._sounded
-            added = None if self._added is None else self._added[which]
-            ringing = self._ringing if len(which) == len(self._columns) else self._ringing[:, which]
-            sound += free.sound(ringing, count, added)
-            self._ringing = self._later(self._ringing, count)
-        self._ringing[:, living:] = 0
-        self._age += count
-        for voice in [voice for voice in self._voices if voice.start < self.now + count]:
-            begin = voice.start - self.now
-            heard = voice.onset[max(0, -begin) : count - begin]
-            sound[max(0, begin) : max(0, begin) + len(heard)] += heard
-            rest = count - begin - len(voice.onset)  # samples of this block after the contact
-            if rest > 0:
-                coefficients = self._lost(np.concatenate(voice.coefficients), len(voice.onset) / 2)
-                sound[count - rest :] += self._free.sound(coefficients, rest, self._added)
-                self._ringing += self._later(coefficients, rest)
-                self._age = min(self._age, rest)
-                self._sounded = self._all
-                self._voices.remove(voice)
-        self.now += count
+    def _add_ringing(self, sound: Floats) -> None:
+        """Add to `sound` (1, samples) what rings, and move it to its end."""
+        samples, living = sound.shape[1], self.ringing_modes
+        if living and self._heard is None:
+            self._damped.ring(self._ringing[None], sound, age=self._age)
+        elif living and self._heard is not None:
+            heard = self._heard[self._heard < living]
+            part = np.ascontiguousarray(self._ringing[None, :, heard])
+            self._damped.take(heard).ring(part, sound, age=self._age)
+            later = self._bank.oscillators.shifted((self._ringing[0], self._ringing[1]), [samples])
+            self._ringing = self._lost(np.concatenate(later), samples)
+        self._age += samples
+        self._ringing[:, self.ringing_modes :] = 0
 
-    def _later(self, coefficients: Floats, samples: int) -> Floats:
-        """Coefficients (2, modes) some samples later."""
-        return self._lost(self._free.later(coefficients, samples), samples)
+    def _add_voice(self, voice: Voice, sound: Floats) -> None:
+        """Add to `sound` (1, samples) a contact, which joins what rings when it has ended."""
+        begin = voice.start - self.now
+        heard = voice.onset[max(0, -begin) : sound.shape[1] - begin]
+        sound[0, max(0, begin) : max(0, begin) + len(heard)] += heard
+        end = begin + len(voice.onset)
+        if end < sound.shape[1]:
+            coefficients = self._lost(voice.coefficients, len(voice.onset) / 2)[None].copy()
+            self._damped.ring(coefficients, sound, end)
+            self._ringing += coefficients[0]
+            self._age = min(self._age, sound.shape[1] - end)
+            self._heard = None
+            self._voices.remove(voice)
 
     def _lost(self, coefficients: Floats, samples: float) -> Floats:
         """Coefficients (2, modes) without what added damping takes in some samples."""
         if self._added is None:
             return coefficients
         return coefficients * np.exp(-self._added * samples / self._rate)
-
-
-class FreeMotion:
-    """Tables for blocks of free motion: one over stretches of a block, one over the samples of a stretch.
-
-    Both are small: a processor plays other bodies between two blocks.
-
-    Parameters
-    ----------
-    oscillators
-        Those that move.
-    of_first, of_second
-        (stretches, 2, modes) both coefficients at the start of each stretch, of a unit of either at first.
-    fine
-        (2, modes, samples of a stretch), the basis.
-    """
-
-    def __init__(self, oscillators: Oscillators, of_first: Floats, of_second: Floats, fine: Floats) -> None:
-        self._oscillators, self._of_first, self._of_second, self._fine = (
-            oscillators,
-            of_first,
-            of_second,
-            fine,
-        )
-        self._product = fine.reshape(-1, fine.shape[2])
-        self._shifts: dict[int, tuple[Floats, Floats]] = {}
-
-    @classmethod
-    def of(cls, bank: Bank) -> "FreeMotion":
-        """Return the tables of a bank."""
-        fine = np.stack([table.T for table in bank.oscillators.basis(np.arange(bank.block))])
-        return cls(
-            bank.oscillators, *_shifts(bank.oscillators, np.arange(0, LONGEST_BLOCK, bank.block)), fine
-        )
-
-    def take(self, which: NDArray[np.int64]) -> "FreeMotion":
-        """Return the tables of some of the modes."""
-        of_first, of_second = self._of_first[:, :, which], self._of_second[:, :, which]
-        return FreeMotion(self._oscillators.take(which), of_first, of_second, self._fine[:, which])
-
-    def sound(self, coefficients: Floats, samples: int, added_per_s: Floats | None = None) -> Floats:
-        """Return the motion (samples,) from coefficients (2, modes).
-
-        What is `added_per_s` (modes,) to the decay rates falls linearly within a stretch, a millisecond: of
-        100 1/s that is off by 1e-3.
-        """
-        stretch = self._fine.shape[2]
-        count = -(-samples // stretch)
-        rows = self._of_first[:count] * coefficients[0]
-        rows += self._of_second[:count] * coefficients[1]
-        if added_per_s is None:
-            return (rows.reshape(count, -1) @ self._product).reshape(-1)[:samples]
-        lost = -np.expm1(-added_per_s * stretch / self._oscillators.sample_rate_hz)
-        rows *= ((1 - lost) ** np.arange(count)[:, None])[:, None]
-        falling = (rows * lost).reshape(count, -1) @ self._product
-        falling *= np.arange(stretch) / stretch
-        return (rows.reshape(count, -1) @ self._product - falling).reshape(-1)[:samples]
-
-    def later(self, coefficients: Floats, samples: int) -> Floats:
-        """Return the coefficients (2, modes) some samples later."""
-        if samples not in self._shifts:
-            if len(self._shifts) >= MOST_SHIFTS:
-                self._shifts.clear()
-            of_first, of_second = _shifts(self._oscillators, np.array([samples]))
-            self._shifts[samples] = of_first[0], of_second[0]
-        of_first, of_second = self._shifts[samples]
-        return of_first * coefficients[0] + of_second * coefficients[1]
-
-
-def _shifts(oscillators: Oscillators, offsets: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Both coefficients (n, 2, modes) at later origins (n,), of a unit of the first and of the second."""
-    m0, m1, m2, m3 = oscillators.shift_matrix(oscillators.basis(offsets))
-    return np.stack([m0, m2], axis=1), np.stack([m1, m3], axis=1)

@@ -1,0 +1,295 @@
+"""A bank of resonators: the state of every mode, and the step that takes all of them on.
+
+Free motion is the two coefficients of `Oscillators.basis` a mode. Sixteen samples at a time are read off
+them, then the coefficients move on by the exact matrix of sixteen samples. Under a force that is linear over
+each sample they move by one sample, and gain what the force does in it, in closed form. State that is kept is
+a stream; a sound is a stream of one block. A mode is dropped when its lifetime has passed, long before its
+numbers could become denormal.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.synthesis.half_sine import HalfSine
+from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.errors import QueryError
+from objectfolder.jit import relaxed_kernel
+
+Floats = NDArray[np.float64]
+LOWEST_FLOOR_DB = -600.0  # beyond, numbers would leave the range of full precision
+STRIDE = 16
+SERIES_TERMS = 24
+SERIES_REACH = 1.0  # of (c + omega) h, up to which the Taylor series is summed
+
+
+@dataclass(frozen=True)
+class Resonators:
+    """Oscillators with what one channel hears of them.
+
+    Attributes
+    ----------
+    oscillators : those that live longest first
+    weights : (modes,) of displacement and velocity in what is heard
+    order : (modes,) their indices among the oscillators given to `of`
+    lifetimes : (modes,) samples, descending
+    steps : (5, 17, modes), for 0 to 16 samples: the basis, and the second to fourth entry of the matrix that
+        moves coefficients on; its first is that of the basis
+    """
+
+    oscillators: Oscillators
+    weights: tuple[Floats, Floats]
+    order: NDArray[np.int64]
+    lifetimes: Floats
+    steps: Floats
+
+    @classmethod
+    def of(cls, oscillators: Oscillators, weights: tuple[Floats, Floats], floor_db: float) -> "Resonators":
+        """Return the resonators of oscillators that are dropped `floor_db` below their own start.
+
+        Raises
+        ------
+        QueryError
+            A floor outside of -600 to below 0.
+        """
+        if not LOWEST_FLOOR_DB <= floor_db < 0:
+            raise QueryError("floor_db", f"{floor_db} dB", f"Give {LOWEST_FLOOR_DB:g} to below 0.")
+        lifetimes = oscillators.lifetimes(floor_db)
+        order = np.argsort(-lifetimes, kind="stable")
+        modes = oscillators.take(order)
+        basis = modes.basis(np.arange(STRIDE + 1))
+        steps = np.stack([*basis, *modes.shift_matrix(basis)[1:]])
+        return cls(modes, (weights[0][order], weights[1][order]), order, lifetimes[order], steps)
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def take(self, which: NDArray[np.int64]) -> "Resonators":
+        """Return some of them, of ascending indices."""
+        weights = (self.weights[0][which], self.weights[1][which])
+        steps = np.ascontiguousarray(self.steps[:, :, which])
+        return Resonators(
+            self.oscillators.take(which), weights, self.order[which], self.lifetimes[which], steps
+        )
+
+    def damped(self, added_per_s: Floats) -> "Resonators":
+        """Return them with larger decay rates, by (modes,), and the same frequencies."""
+        seconds = np.arange(STRIDE + 1)[:, None] / self.oscillators.sample_rate_hz
+        steps = self.steps * np.exp(-added_per_s * seconds)
+        return Resonators(self.oscillators, self.weights, self.order, self.lifetimes, steps)
+
+    def coefficients(self, state: tuple[Floats, Floats], later: float) -> Floats:
+        """Coefficients (n, 2, modes) some samples after displacements and velocities (n, modes)."""
+        first = self.oscillators.coefficients(self.weights, *state)
+        return np.stack(self.oscillators.shifted(first, [later]) if later else first, axis=1)
+
+    def ring(self, coefficients: Floats, sound: Floats, begin: int = 0, age: float = 0.0) -> None:
+        """Add free motion to `sound` (n, samples), and move `coefficients` (n, 2, modes) to its end.
+
+        Parameters
+        ----------
+        begin
+            Sample of `sound` at which the coefficients hold.
+        age
+            Number of samples since all modes sounded.
+        """
+        _ring(self.steps, self.lifetimes - age, coefficients, sound, begin)
+
+    def drive(self, gains: Floats, forces_n: Floats, sound: Floats) -> Floats:
+        """Add the motion (samples,) from rest under forces, and return coefficients (2, modes) at its end.
+
+        Parameters
+        ----------
+        gains
+            (directions, modes).
+        forces_n
+            (k, directions) at the samples, linear between them, to zero within a sample after the last.
+        """
+        padded = np.zeros((len(sound) + 1, forces_n.shape[1]))
+        padded[: len(forces_n)] = forces_n[: len(padded)]
+        kicks = [
+            self.oscillators.coefficients(self.weights, *ramp) for ramp in ramp_responses(self.oscillators)
+        ]
+        coefficients = np.zeros((2, len(self)))
+        _drive(self.steps, np.array(kicks), np.ascontiguousarray(gains), padded, coefficients, sound)
+        return coefficients
+
+    def onset(
+        self, amplitudes: Floats, pulse_s: float | None, ahead: float, most: int
+    ) -> tuple[Floats, Floats]:
+        """Sounds (n, k) while a pulse lasts, k at most `most`, and coefficients (n, 2, modes) at sample k.
+
+        Parameters
+        ----------
+        amplitudes
+            (n, modes) modal velocity that the whole impulse gives.
+        pulse_s
+            Duration of its half-sine; an ideal impulse if None.
+        ahead
+            Samples (below 1) by which it began before the first.
+        """
+        if pulse_s is None:
+            state = (np.zeros_like(amplitudes), amplitudes)
+            return np.zeros((len(amplitudes), 0)), self.coefficients(state, ahead)
+        pulse = HalfSine.of(self.oscillators, pulse_s)
+        ends = pulse_s * self.oscillators.sample_rate_hz - ahead
+        during = min(max(0, math.ceil(ends)), most)
+        times = (np.arange(during) + ahead) / self.oscillators.sample_rate_hz
+        onset = pulse.forced(self.weights, amplitudes, times)
+        if during:
+            self.ring(
+                self.coefficients((amplitudes * pulse.start[0], amplitudes * pulse.start[1]), ahead), onset
+            )
+        state = (amplitudes * pulse.end[0], amplitudes * pulse.end[1])
+        return onset, self.coefficients(state, max(0.0, during - ends))
+
+
+@relaxed_kernel
+def _ring(steps: Floats, ends: Floats, coefficients: Floats, sound: Floats, begin: int) -> None:
+    """Add free motions to sounds (n, samples), from coefficients (n, 2, modes), which move to their end."""
+    first, second, upper, lower, last = steps[0], steps[1], steps[2], steps[3], steps[4]
+    samples = sound.shape[1] - begin
+    left = samples % 16
+    for row in range(sound.shape[0]):
+        a, b, out = coefficients[row, 0], coefficients[row, 1], sound[row, begin:]
+        for low in range(0, len(a), 64):  # modes whose steps fit the nearest cache
+            high = min(low + 64, len(a))
+            for k in range(0, samples - 15, 16):
+                while k % 64 == 0 and high > low and ends[high - 1] <= k:
+                    high -= 1
+                    a[high] = 0.0
+                    b[high] = 0.0
+                if high == low:
+                    break
+                for half in range(0, 16, 8):  # sums of eight samples fill the vector registers
+                    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
+                    for j in range(low, high):
+                        x, y = a[j], b[j]
+                        t0 += first[half, j] * x + second[half, j] * y
+                        t1 += first[half + 1, j] * x + second[half + 1, j] * y
+                        t2 += first[half + 2, j] * x + second[half + 2, j] * y
+                        t3 += first[half + 3, j] * x + second[half + 3, j] * y
+                        t4 += first[half + 4, j] * x + second[half + 4, j] * y
+                        t5 += first[half + 5, j] * x + second[half + 5, j] * y
+                        t6 += first[half + 6, j] * x + second[half + 6, j] * y
+                        t7 += first[half + 7, j] * x + second[half + 7, j] * y
+                    out[k + half] += t0
+                    out[k + half + 1] += t1
+                    out[k + half + 2] += t2
+                    out[k + half + 3] += t3
+                    out[k + half + 4] += t4
+                    out[k + half + 5] += t5
+                    out[k + half + 6] += t6
+                    out[k + half + 7] += t7
+                # A loop of its own: vector registers need stores apart from sums.
+                for j in range(low, high):
+                    x, y = a[j], b[j]
+                    a[j] = first[16, j] * x + upper[16, j] * y
+                    b[j] = lower[16, j] * x + last[16, j] * y
+            for i in range(left):
+                total = 0.0
+                for j in range(low, high):
+                    total += first[i, j] * a[j] + second[i, j] * b[j]
+                out[samples - left + i] += total
+            for j in range(low, high):
+                x, y = a[j], b[j]
+                a[j] = first[left, j] * x + upper[left, j] * y
+                b[j] = lower[left, j] * x + last[left, j] * y
+
+
+@relaxed_kernel
+def _drive(
+    steps: Floats, kicks: Floats, gains: Floats, forces: Floats, coefficients: Floats, sound: Floats
+) -> None:
+    """Add to `sound` (samples,) the motion under forces (samples + 1, directions), from coefficients.
+
+    Of `kicks` (2, 2, modes) the first falls from the force at a sample, the second rises to that at the next.
+    """
+    first, second, upper, lower, last = steps[0], steps[1], steps[2], steps[3], steps[4]
+    a, b = coefficients[0], coefficients[1]
+    directions, modes = gains.shape
+    force = np.zeros(modes)
+    for d in range(directions):
+        for j in range(modes):
+            force[j] += gains[d, j] * forces[0, d]
+    for k in range(len(sound)):
+        total = 0.0
+        for j in range(modes):
+            x, y = a[j], b[j]
+            total += first[0, j] * x + second[0, j] * y
+            now = force[j]
+            then = 0.0
+            for d in range(directions):
+                then += gains[d, j] * forces[k + 1, d]
+            a[j] = first[1, j] * x + upper[1, j] * y + kicks[0, 0, j] * now + kicks[1, 0, j] * then
+            b[j] = lower[1, j] * x + last[1, j] * y + kicks[0, 1, j] * now + kicks[1, 1, j] * then
+            force[j] = then
+        sound[k] += total
+
+
+def ramp_responses(oscillators: Oscillators) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """State after one sample from rest under a force falling from 1 to 0, and rising from 0 to 1.
+
+    With S the impulse response, I its integral and K that of I over the sample h, the rising force leaves
+    displacement K / h and velocity I / h; with the constant force, I and S, the falling one follows.
+
+    Returns
+    -------
+    tuple
+        ((modes,), (modes,)) displacement and velocity of each.
+    """
+    h = 1 / oscillators.sample_rate_hz
+    once, twice, thrice = _integrals(oscillators, h)
+    return (twice - thrice / h, once - twice / h), (thrice / h, twice / h)
+
+
+def _integrals(oscillators: Oscillators, h: float) -> tuple[Floats, Floats, Floats]:
+    """S(h), its integral and its second integral, (modes,) each, without cancellation."""
+    squares, damping = oscillators.eigenvalues, oscillators.dampings_per_s
+    first, second = (row[0] for row in oscillators.basis([1.0]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        cosine_like = 1 - first - damping * second
+        once = second
+        twice = cosine_like / squares
+        thrice = (h - second - 2 * damping * twice) / squares
+    apart = oscillators.apart
+    if apart.any():
+        slow, fast = (rate[apart] for rate in oscillators.rates_per_s)
+        width = fast - slow
+        once, twice, thrice = once.copy(), twice.copy(), thrice.copy()
+        for target, order in ((once, 0), (twice, 1), (thrice, 2)):
+            target[apart] = h**order * (_phi(-slow * h, order) - _phi(-fast * h, order)) / width
+    small = (damping + np.sqrt(squares)) * h < SERIES_REACH
+    if small.any():
+        taylor = _taylor(squares[small], damping[small], h)
+        for target, values in zip((once, twice, thrice), taylor, strict=True):
+            target[small] = values
+    return once, twice, thrice
+
+
+def _taylor(squares: Floats, damping: Floats, h: float) -> tuple[Floats, Floats, Floats]:
+    """The same by S(h) = sum of s_k h^k / k!, s_0 = 0, s_1 = 1, s_(k+2) = -2 c s_(k+1) - lambda s_k."""
+    sums = [np.zeros_like(squares) for _ in range(3)]
+    before, now = np.zeros_like(squares), np.full_like(squares, h)  # s_k h^k
+    for k in range(1, SERIES_TERMS):
+        for order, total in enumerate(sums):
+            total += now * (h**order / math.factorial(k + order))
+        before, now = now, -2 * damping * h * now - squares * h * h * before
+    return sums[0], sums[1], sums[2]
+
+
+def _phi(z: Floats, order: int) -> Floats:
+    """exp(z), (exp(z) - 1) / z, (exp(z) - 1 - z) / z^2 for orders 0, 1, 2."""
+    if order == 0:
+        return np.exp(z)
+    safe = np.where(z == 0, 1.0, z)
+    once = np.where(z == 0, 1.0, np.expm1(safe) / safe)
+    if order == 1:
+        return once
+    series, near = np.zeros_like(z), np.clip(z, -1, 1)
+    for k in range(SERIES_TERMS, 1, -1):
+        series = 1 / math.factorial(k) + near * series
+    # The loop ends with 1 / 2! + z / 3! + ...
+    return np.where(np.abs(z) < 1, series, (once - 1) / safe)
