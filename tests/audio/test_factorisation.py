@@ -56,18 +56,15 @@ def test_an_indefinite_matrix_is_refused_where_a_definite_one_is_promised(solver
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_growth_of_entries_gives_no_wrong_count(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_growth_of_entries_gives_no_wrong_count(solver: str) -> None:
     """A pivot of 1e-18: what is beside it drowns in the rounding of 1e18, and no pivot vanishes."""
-    generator = np.random.default_rng(3)
-    part = generator.standard_normal((6, 6))
+    part = np.random.default_rng(3).standard_normal((6, 6))
     hard = part + part.T
     hard[0] = hard[:, 0] = [1e-18, 1.0, 0.1, 0.0, 0.0, 0.0]
-    exact = int(np.count_nonzero(np.linalg.eigvalsh(hard) < 0))
     factors = Factorisation(sparse.csr_matrix(hard), definite=False, solver=solver)
+    assert factors.backward_error() > 1e-3
     with pytest.raises(SimulationError, match="pivot"):
         factors.negative()
-    monkeypatch.setattr(factorisation, "MOST_BACKWARD_ERROR", np.inf)
-    assert factors.negative() != exact
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
