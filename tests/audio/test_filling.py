@@ -1,7 +1,6 @@
 """Solids of surfaces as they come: what the mesher, its checks and its other ways make of hard cases."""
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -88,15 +87,6 @@ def test_size_place_and_order_change_nothing() -> None:
     back = other.vertices / 1000 - [3, -2, 1]
     np.testing.assert_allclose(back, solid.vertices, atol=1e-6 * np.ptp(vertices))
     assert other.volume_m3 == pytest.approx(1e9 * solid.volume_m3, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_a_small_object_has_the_same_elements() -> None:
-    """To the last bit, where the scale is a power of two."""
-    vertices, faces = bumpy()
-    small = fill(Surface(2.0**-9 * vertices, faces))
-    np.testing.assert_array_equal(small.tetrahedra, filled().tetrahedra)
-    np.testing.assert_array_equal(small.vertices, 2.0**-9 * filled().vertices)
 
 
 @pytest.mark.slow
@@ -326,21 +316,6 @@ def test_what_takes_too_much_memory_is_said() -> None:
     triangles = Surface(np.random.default_rng(0).random((900, 3)) / 2, np.arange(900).reshape(-1, 3))
     with pytest.raises(CutOffError, match=r"fTetWild: needs more than 0\.3 GB"):
         run_tetwild(triangles, Envelope(1e-3, 1e-3, 0.2, 0.2, 800, 1600, 40.0, 20.0, 3e8))
-
-
-@RELEASE
-def test_a_scanned_mug_has_few_elements(shared_objects: Path) -> None:
-    from objectfolder.mesh.readers.load import load_mesh
-
-    surface = load_mesh(shared_objects / "025_mug" / "model.obj", with_textures=False).surface
-    solid = fill(surface)
-    sound(solid)
-    assert solid.report["way"] == "envelope"
-    assert solid.report["doubts"] == []
-    assert solid.components == 1
-    assert len(solid.tetrahedra) < 4300
-    assert abs(solid.report["volume_error"]) < 0.04
-    assert solid.report["surface_error_rms_m"] < 0.5 * solid.report["wall_thin_m"]
 
 
 @pytest.mark.usefixtures("coarse_grid")

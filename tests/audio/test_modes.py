@@ -272,7 +272,7 @@ def test_modes_near_the_limit_are_counted_on_either_side_of_it(
 
 
 @pytest.mark.release("objectfolder.audio", "objectfolder.solid")
-def test_a_scanned_mug_rings(shared_objects: Path) -> None:
+def test_a_scanned_mug_has_few_elements_and_rings(shared_objects: Path) -> None:
     from objectfolder.audio.materials import read_materials
     from objectfolder.mesh.readers.load import load_mesh
 
@@ -290,7 +290,11 @@ def test_a_scanned_mug_rings(shared_objects: Path) -> None:
     attributes = product.attributes
     assert attributes["count_certificate"]["holds"]
     assert attributes["error_estimate_cents"] < 40
-    assert abs(attributes["discretisation"]["volume_error"]) < 0.01
+    solid = attributes["discretisation"]
+    assert (solid["way"], solid["bodies"], solid["doubts"]) == ("envelope", 1, [])
+    assert solid["elements"] < 4300
+    assert solid["surface_error_rms_m"] < 0.5 * solid["wall_thin_m"]
+    assert abs(solid["volume_error"]) < 0.01
     # Two and a half times as many bent tetrahedra, half as far from the scan, 180 000 unknowns.
     np.testing.assert_allclose(product["frequencies_hz"][:3], [2809, 2880, 3131], rtol=0.02)
 

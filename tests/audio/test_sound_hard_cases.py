@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 from structured_solids import ball, box, material
 
 from bench.references.sphere import sphere
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
 from objectfolder.products.store import Product
 from objectfolder.solid.solid import Solid, clean
@@ -134,24 +133,3 @@ def test_a_nearly_incompressible_ball_does_not_lock() -> None:
     assert found.certificate["holds"]
     np.testing.assert_allclose(np.sqrt(found.eta_squared), truth.repeated, rtol=1e-3)
     assert truth.multiplicities[:2].tolist() == [5, 5]
-
-
-@pytest.mark.release("objectfolder.audio", "objectfolder.solid")
-def test_a_rod_of_200_triangles() -> None:
-    """A prism of 50 sides; torsion of a round rod is c_s / 2 L."""
-    rod = trimesh.creation.cylinder(radius=0.01, height=0.2, sections=50)
-    assert len(rod.faces) == 200
-    found = simulate_modes(
-        Surface(np.array(rod.vertices), np.array(rod.faces)),
-        undamped(),
-        max_frequency_hz=9000.0,
-        max_modes=40,
-        training_points=20,
-        held_out_points=0,
-        seed=0,
-        accuracy_cents=20.0,
-        highest_order=3,
-    )
-    assert complete(found)
-    torsion = undamped().shear_speed_m_s / 0.4
-    assert np.abs(found["frequencies_hz"] / torsion - 1).min() < 5e-3
