@@ -39,6 +39,11 @@ def photographs() -> tuple[np.ndarray, np.ndarray]:
     return noisy, no_contact_image(TRUE)
 
 
+@pytest.fixture(scope="module")
+def calibration(photographs) -> OwnCalibration:
+    return calibrate(*photographs, TRUE, RADIUS)
+
+
 def test_circles_are_found_where_the_ball_was_pressed(photographs) -> None:
     images, untouched = photographs
     scale = pixels_per_metre(TRUE)
@@ -53,9 +58,8 @@ def test_circles_are_found_where_the_ball_was_pressed(photographs) -> None:
 
 
 @pytest.mark.slow
-def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs) -> None:
-    images, untouched = photographs
-    found = calibrate(images, untouched, TRUE, RADIUS)
+def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs, calibration) -> None:
+    found, (_, untouched) = calibration, photographs
     assert found.held_out.mean() > found.nothing.mean() + 8
     assert found.held_out.mean() > found.mean_patch.mean()
     # What no ball showed is less certain than what one did.
@@ -102,18 +106,20 @@ def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_sensor_that_is_read(photographs, tmp_path: Path, capsys, monkeypatch) -> None:
+def test_the_command_writes_a_sensor_that_is_read(
+    photographs, calibration, tmp_path: Path, capsys, monkeypatch
+) -> None:
     images, untouched = photographs
     for index, picture in enumerate(images):
-        Image.fromarray(picture).save(tmp_path / f"{index}.png")
+        Image.fromarray(picture).save(tmp_path / f"{index:02}.png")
     Image.fromarray(untouched).save(tmp_path / "background.png")
     mine = tmp_path / "mine.yaml"
     given = [str(tmp_path), "--ball", "8", "--sensor", "digit-tacto", "-o", str(mine)]
-    results: list[OwnCalibration] = []
 
-    def calibrate_once(*args: object, **options: object) -> OwnCalibration:
-        results.extend([] if results else [calibrate(*args, **options)])
-        return results[0]
+    def calibrate_once(*asked: object) -> OwnCalibration:
+        for part, expected in zip(asked, (images, untouched, TRUE, RADIUS), strict=True):
+            assert np.array_equal(part, expected)
+        return calibration
 
     monkeypatch.setattr(own_calibration, "calibrate", calibrate_once)
     assert main(["calibrate", *given]) == 0
