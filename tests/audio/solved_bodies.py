@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -71,23 +72,20 @@ def surface_of(solid: Solid) -> Surface:
     return Surface(solid.vertices, solid.boundary()[0])
 
 
+def modes_of(solid: Solid, stuff: Material, max_frequency_hz: float, **options: Any) -> Product:
+    """Return the modes of a solid at few points, with other options of `modes_of_solid`."""
+    few = {"max_modes": 60, "training_points": 8, "held_out_points": 8, "seed": 0}
+    return modes_of_solid(surface_of(solid), solid, stuff, max_frequency_hz=max_frequency_hz, **few | options)
+
+
 def bar_of_cells(
     scale: float = 1.0, max_modes: int = 256, damping: str = LOSS_FACTOR, **changes: float
 ) -> Product:
     """Return the modes of a ceramic bar of 72 tetrahedra, apart from the mesher."""
     solid = box((6, 2, 1), tuple(scale * side for side in CELLS_BAR_M))
-    return modes_of_solid(
-        surface_of(solid),
-        solid,
-        ceramic(**changes),
-        max_frequency_hz=CELLS_LIMIT_HZ / scale,
-        max_modes=max_modes,
-        training_points=120,
-        held_out_points=30,
-        seed=0,
-        accuracy_cents=20.0,
-        damping=damping,
-    )
+    points = {"training_points": 120, "held_out_points": 30}
+    options = {"max_modes": max_modes, "accuracy_cents": 20.0, "damping": damping, **points}
+    return modes_of(solid, ceramic(**changes), CELLS_LIMIT_HZ / scale, **options)
 
 
 SOLUTIONS: Mapping[str, Callable[[], Product]] = {

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from solved_bodies import CELLS_BAR_M, CELLS_LIMIT_HZ, UNDAMPED, bar_of_cells, surface_of
+from solved_bodies import CELLS_BAR_M, CELLS_LIMIT_HZ, UNDAMPED, bar_of_cells, modes_of
 from structured_solids import box, material
 
 from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
@@ -112,17 +112,7 @@ def test_too_many_modes_end_the_band_in_a_gap(bar: Product) -> None:
 def test_an_accuracy_that_is_not_reached_and_a_doubtful_solid_are_said(bar: Product) -> None:
     report = {"doubts": ["its wall is thick"], "closing_share": 0.2}
     solid = dataclasses.replace(box((2, 1, 1), CELLS_BAR_M), report=report)
-    coarse = modes_of_solid(
-        surface_of(solid),
-        solid,
-        material(),
-        max_frequency_hz=CELLS_LIMIT_HZ,
-        training_points=8,
-        held_out_points=8,
-        seed=0,
-        accuracy_cents=1.0,
-        highest_order=3,
-    )
+    coarse = modes_of(solid, material(), CELLS_LIMIT_HZ, accuracy_cents=1.0, highest_order=3)
     assert bar.attributes["accuracy_reached"]
     assert not bar.attributes["warnings"]
     assert not coarse.attributes["accuracy_reached"]
@@ -135,16 +125,8 @@ def test_an_accuracy_that_is_not_reached_and_a_doubtful_solid_are_said(bar: Prod
 def test_an_order_whose_error_is_not_estimated_is_refused(order: int) -> None:
     solid = box((2, 1, 1), CELLS_BAR_M)
     with pytest.raises(ValueError, match=f"highest order {order}: .* 3 to 5"):
-        modes_of_solid(
-            surface_of(solid),
-            solid,
-            material(),
-            training_points=8,
-            held_out_points=8,
-            seed=0,
-            highest_order=order,
-            time_limit_s=0.0,  # refused before anything is solved
-        )
+        # Refused before anything is solved.
+        modes_of(solid, material(), CELLS_LIMIT_HZ, highest_order=order, time_limit_s=0.0)
 
 
 @pytest.mark.slow
@@ -160,20 +142,9 @@ def test_what_does_not_ring_is_kept_and_counted(bar: Product) -> None:
 def test_repeated_modes_are_the_same_with_any_seed() -> None:
     """A cube has pairs and triplets of equal frequency, which any rotation may mix."""
     solid = box((2, 2, 2), (0.1, 0.1, 0.1))
+    finest = {"accuracy_cents": 1e-3, "highest_order": 3}
     first, second = (
-        modes_of_solid(
-            surface_of(solid),
-            solid,
-            material(),
-            max_frequency_hz=22000.0,
-            max_modes=40,
-            training_points=seed,
-            held_out_points=0,
-            seed=seed,
-            accuracy_cents=1e-3,
-            highest_order=3,
-        )
-        for seed in (50, 51)
+        modes_of(solid, material(), 22000.0, training_points=seed, seed=seed, **finest) for seed in (50, 51)
     )
     values = first["eigenvalues"]
     assert np.any(np.diff(values) < 1e-6 * values[1:])
@@ -183,23 +154,14 @@ def test_repeated_modes_are_the_same_with_any_seed() -> None:
 @pytest.mark.slow
 def test_a_die_is_silent_and_still_an_object(tmp_path: Path) -> None:
     die = box((2, 2, 2), (0.016, 0.016, 0.016))
-    product = modes_of_solid(
-        surface_of(die),
-        die,
-        material(0.37, 2.4e9, density_kg_m3=1190.0),
-        max_frequency_hz=20000.0,
-        max_modes=40,
-        training_points=50,
-        held_out_points=10,
-        seed=0,
-    )
+    product = modes_of(die, material(0.37, 2.4e9, density_kg_m3=1190.0), 20000.0)
     assert not product.attributes["audible"]
     assert product.attributes["count_certificate"]["counted"] == 6
     assert product["frequencies_hz"].shape == (0,)
-    assert product["mode_shapes"].shape == (60, 3, 0)
+    assert product["mode_shapes"].shape == (16, 3, 0)
     assert product.attributes["mass_kg"] == pytest.approx(1190 * 0.016**3, rel=0.01)
     write_product(tmp_path / "die.zarr.zip", product)
-    assert read_product(tmp_path / "die.zarr.zip")["mode_shapes"].shape == (60, 3, 0)
+    assert read_product(tmp_path / "die.zarr.zip")["mode_shapes"].shape == (16, 3, 0)
 
 
 @pytest.mark.slow
@@ -254,16 +216,7 @@ def test_modes_near_the_limit_are_counted_on_either_side_of_it(
     solid = box((6, 2, 1), CELLS_BAR_M)
     solid = dataclasses.replace(solid, report={**solid.report, "volume_error": -0.002})
     undamped = np.sqrt(bar["eigenvalues"]) / (2 * np.pi)
-    product = modes_of_solid(
-        surface_of(solid),
-        solid,
-        material(),
-        max_frequency_hz=undamped[2] * 2 ** (cents / 1200),
-        training_points=8,
-        held_out_points=8,
-        seed=0,
-        accuracy_cents=20.0,
-    )
+    product = modes_of(solid, material(), undamped[2] * 2 ** (cents / 1200), accuracy_cents=20.0)
     certificate = product.attributes["count_certificate"]
     assert product.attributes["geometry_error_estimate_cents"] == pytest.approx(3.5, abs=0.1)
     assert certificate["left_within_error_above_limit"] == above
@@ -307,16 +260,7 @@ def test_the_wall_that_a_solid_lost_is_stated_in_cents() -> None:
     """
     solid = box((2, 2, 1), (0.1, 0.1, 0.005))
     report = {**solid.report, "volume_error": -0.02}
-    attributes = modes_of_solid(
-        surface_of(solid),
-        dataclasses.replace(solid, report=report),
-        material(),
-        max_frequency_hz=8000,
-        max_modes=4,
-        training_points=8,
-        held_out_points=8,
-        seed=0,
-    ).attributes
+    attributes = modes_of(dataclasses.replace(solid, report=report), material(), 8000, max_modes=4).attributes
     wall_m = 2 * (0.1 * 0.1 * 0.005) / (2 * 0.1 * 0.1 + 4 * 0.1 * 0.005)
     stated = 1200 * (-np.log2(0.98) + np.log2(1 + 2e-7 / wall_m))
     assert attributes["geometry_error_estimate_cents"] == pytest.approx(stated, rel=1e-9)

@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from solved_bodies import modes_of
 from structured_solids import ball, box, material
 
 from bench.references.sphere import sphere
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
 from objectfolder.products.store import Product
 from objectfolder.solid.solid import Solid, clean
-from objectfolder.surface.surface import Surface
 
 DEFAULT = {"accuracy_cents": 5.0, "highest_order": 4}
 FINEST = {"accuracy_cents": 0.1, "highest_order": 5}
@@ -32,20 +31,6 @@ BEAM = [2631.673, 5134.954, 7146.157, 12404.445, 13405.996, 13718.667]
 
 def undamped(poisson_ratio: float = 0.19) -> Material:
     return material(poisson_ratio, rayleigh_alpha_per_s=0.0, rayleigh_beta_s=0.0)
-
-
-def modes_of(solid: Solid, stuff: Material, max_frequency_hz: float, **options: Any) -> Product:
-    return modes_of_solid(
-        Surface(solid.vertices, solid.boundary()[0]),
-        solid,
-        stuff,
-        max_frequency_hz=max_frequency_hz,
-        max_modes=60,
-        training_points=5,
-        held_out_points=0,
-        seed=0,
-        **options,
-    )
 
 
 def complete(product: Product) -> bool:
