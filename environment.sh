@@ -139,5 +139,9 @@ done
 install "$torch"
 install --no-deps -e .
 prune
+# DVC's notes on files go to a folder of this user's own, whoever starts it (docs/storage.md).
+"$folder/bin/python" -c 'from pathlib import Path
+from pipeline.dataset.site_cache import note_site_cache, use_own_site_cache
+use_own_site_cache(), note_site_cache(Path.cwd())'
 rm -f "$folder/pip.log"
 echo "$folder: $(megabytes) MB"

@@ -57,6 +57,15 @@ def pytest_configure(config: pytest.Config) -> None:
     drawn_examples.load_profile(many=release == "all")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _dvc_keeps_to_itself(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What DVC knows of files of repositories of tests goes with them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DVC_SITE_CACHE_DIR", str(tmp_path_factory.mktemp("dvc")))
+        patch.setenv("DVC_NO_ANALYTICS", "1")
+        yield
+
+
 def pytest_collection_finish() -> None:
     """Write no bytecode of what tests make, and look for garbage among what they make alone."""
     sys.dont_write_bytecode = True

@@ -16,6 +16,7 @@ import diskcache
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.audit import descriptions
 from pipeline.audit.descriptions import TAIL_BYTES, Description
+from pipeline.audit.opening import opened_folder
 from pipeline.audit.stores import FETCH, NotHere, Stores
 
 AT_ONCE = 16  # requests to a remote
@@ -57,15 +58,15 @@ class Contents(Stores):
     Raises
     ------
     InputError
-        `folder` is not under DVC.
+        `folder` is not under DVC, or its settings go beyond what is taken of them (`pipeline.audit.opening`).
     """
 
     def __init__(self, folder: Path, remote: str = "") -> None:
         from dvc.exceptions import DvcException
-        from dvc.repo import Repo
 
+        self._opening = contextlib.ExitStack()
         try:
-            repository = Repo(str(folder))
+            repository = self._opening.enter_context(opened_folder(str(folder)))
         except (DvcException, OSError) as error:
             finding = f"not under DVC ({error})"
             raise InputError(str(folder), finding, "Go to the root of a data set.") from error
@@ -80,7 +81,7 @@ class Contents(Stores):
     def __exit__(self, *_: object) -> None:
         if "_cached" in self.__dict__:
             self._cached.close()
-        self.repository.close()
+        self._opening.close()
 
     def place(self, content: Content, target: Path) -> None:
         """Put a content at `target`: a link where it is local, else fetched and checked.

@@ -10,10 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError, ObjectFolderError
+from pipeline.dataset.archives import LARGEST_PRODUCT_BYTES
 from pipeline.dataset.lock_file import read_folder
+from pipeline.dataset.products import TENSORS, ZARR
 
 BLOCK_BYTES = 2 << 20  # of a request; a cut connection loses at most one
 ATTEMPTS = 4
+# A file takes 75 bytes of a list. Products are what their readers allow (`pipeline.dataset.archives`).
+MOST_LIST_BYTES = 64 << 20
+MOST_BYTES = {TENSORS: 1 << 30, ZARR: LARGEST_PRODUCT_BYTES, "": LARGEST_PRODUCT_BYTES}
 FETCH = "Fetch it: `dvc fetch --all-commits`, or name the remote that has it with --remote."
 Progress = Callable[[int], None]
 
@@ -88,11 +93,14 @@ class Stores:
         for name, odb in self._sources():
             try:
                 with odb.fs.open(odb.oid_to_path(md5), "rb") as file:
-                    text: bytes = file.read()
+                    text: bytes = file.read(MOST_LIST_BYTES + 1)
             except FileNotFoundError:
                 continue
             except Exception as error:  # each kind of store has its own
                 problems.append(_told(name, error))
+                continue
+            if len(text) > MOST_LIST_BYTES:
+                problems.append(f"{name}: a list of more than {MOST_LIST_BYTES} bytes")
                 continue
             if hashlib.md5(text, usedforsecurity=False).hexdigest() == md5.partition(".")[0]:
                 return read_folder(where, text)
@@ -109,7 +117,7 @@ class Stores:
         target
             The file; only once this returns, it has the content.
         where
-            What to call the content in errors.
+            What to call the content in errors; its suffix says which kind it is, and so how large it may be.
         progress
             Called with the number of new bytes as they come.
 
@@ -120,6 +128,7 @@ class Stores:
         InputError
             `target` cannot be written, or another process writes it.
         """
+        most = next(most for suffix, most in MOST_BYTES.items() if where.endswith(suffix))
         problems: list[str] = []
         with target.open("ab", buffering=0) as file:
             try:
@@ -129,8 +138,11 @@ class Stores:
             for name, odb in self._sources():
                 for _ in range(ATTEMPTS):
                     try:
-                        _append(odb.fs, odb.oid_to_path(md5), file, progress)
+                        _append(odb.fs, odb.oid_to_path(md5), file, progress, most)
                     except FileNotFoundError:
+                        break
+                    except _TooLargeError as error:
+                        problems.append(f"{name}: {error}")
                         break
                     except InputError:
                         raise
@@ -170,11 +182,17 @@ def md5_of(path: Path) -> str:
         return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
-def _append(fs: Any, source: str, file: FileIO, progress: Progress) -> None:
+class _TooLargeError(Exception):
+    """A store that says that a content is larger than any of its kind."""
+
+
+def _append(fs: Any, source: str, file: FileIO, progress: Progress, most: int) -> None:
     """Append the bytes of `source` after those that `file` has, a range at a time."""
     size = fs.info(source)["size"]
     if size is None:
         raise OSError("its store does not say how large it is")
+    if size > most:
+        raise _TooLargeError(f"{size} bytes, more than the {most} of any product of this kind")
     place = file.seek(0, os.SEEK_END)
     if place > size:
         place = file.truncate(0)

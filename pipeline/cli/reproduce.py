@@ -2,7 +2,9 @@
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
+from objectfolder.errors import ObjectFolderError
 from pipeline.cli.printing import FAILED, FINE, print_error
 
 
@@ -11,12 +13,19 @@ def reproduce(targets: Sequence[str]) -> int:
     from dvc.exceptions import DvcException
     from dvc.repo import Repo
 
+    from pipeline.dataset.site_cache import note_site_cache, use_own_site_cache
+
     try:
+        use_own_site_cache()
+        note_site_cache(Path(Repo.find_root()))
         with Repo() as repository:
             repository.reproduce(list(targets))
     except DvcException as error:
         cause = f": {error.__cause__}" if error.__cause__ else ""
         print_error(f"{error}{cause}")
+        return FAILED
+    except ObjectFolderError as error:
+        print_error(error)
         return FAILED
     return FINE
 

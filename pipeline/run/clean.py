@@ -5,9 +5,7 @@ ever touched, but for half-written files. DVC's own cache is left to ``dvc gc``.
 """
 
 import contextlib
-import os
 import shutil
-import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from rich.filesize import decimal
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.atomic import PARTIAL
+from pipeline.dataset.git_index import tracked_files
 from pipeline.dataset.lock_file import LOCK, read_lock
 from pipeline.dataset.products import PLAYERS, STATE, ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES
@@ -92,7 +91,7 @@ def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False)
     Raises
     ------
     InputError
-        A run goes on here.
+        A run goes on here, or git's index cannot be read.
     """
     holder = owner(root)
     if holder is not None:
@@ -168,7 +167,7 @@ def _protected(root: Path) -> Callable[[Path], bool]:
     FormatError
         ``dvc.lock``, which names what stages read and make, is damaged: nothing is removed then.
     """
-    tracked = _tracked(root)
+    tracked = tracked_files(root)
     lock = root / LOCK
     outputs = read_lock(LOCK, lock.read_bytes()).paths if lock.is_file() else ()
     kept = {root / name for name in ("data", "reports", *outputs)}
@@ -180,15 +179,6 @@ def _protected(root: Path) -> Callable[[Path], bool]:
         return not half_written and not kept.isdisjoint((path, *path.parents))
 
     return protected
-
-
-def _tracked(root: Path) -> set[Path]:
-    """Return the files that git tracks; none where this is no repository or git is missing."""
-    try:
-        listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, check=False)
-    except FileNotFoundError:
-        return set()
-    return {root / os.fsdecode(name) for name in listed.stdout.split(b"\0") if name}
 
 
 def _size(path: Path) -> int:

@@ -122,6 +122,14 @@ def test_nothing_is_removed_unless_asked_for(used, capsys):
     assert "half-written files" in {kind["kind"] for kind in figures["kinds"]}
 
 
+def test_no_command_that_a_repository_names_runs(used, tmp_path):
+    root, _ = used
+    command = ["git", "config", "core.fsmonitor", f"touch {tmp_path}/mark #"]
+    subprocess.run(command, cwd=root, check=True)
+    assert run(root) == 0
+    assert not (tmp_path / "mark").exists()
+
+
 def test_what_is_left_over_goes_and_all_else_stays(used, capsys):
     root, dead = used
     living = scratch.Scratch()

@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import shutil
+import tempfile
 import threading
 from pathlib import Path
 
@@ -270,6 +271,79 @@ def test_a_published_file_that_is_no_product_is_refused(made, tmp_path):
     [got] = get(str(copy), ["bad"], tmp_path / "got")
     assert "safetensors" in str(got.error)
     assert files(tmp_path / "got") == set()
+
+
+def clone_with(made, tmp_path, settings: str, file: str = ".dvc/config") -> Path:
+    """A clone of the publisher's repository, in which a file of settings is committed."""
+    work = tmp_path / "work"
+    command(tmp_path, "git", "clone", "-q", str(made[0] / "bare.git"), str(work))
+    (work / file).write_text(settings)
+    command(work, "git", "add", "-f", file)
+    command(work, "git", "commit", "-qm", "settings")
+    return work
+
+
+@pytest.mark.parametrize("revision", ["", "@HEAD", "by URL"])
+def test_settings_of_a_remote_that_may_run_a_command_are_refused(
+    made, tmp_path, capsys, monkeypatch, revision
+):
+    """A file of credentials names a process to run; the user alone may name it."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    mark, credentials = tmp_path / "mark", tmp_path / "credentials"
+    credentials.write_text(f"[default]\ncredential_process = /usr/bin/touch {mark}\n")
+    settings = (
+        "[core]\n    remote = x\n['remote \"x\"']\n    url = s3://bucket/p\n"
+        f"    endpointurl = http://127.0.0.1:9\n    credentialpath = {credentials}\n"
+    )
+    work = clone_with(made, tmp_path, settings)
+    address = f"file://{work}" if revision == "by URL" else f"{work}{revision}"
+    assert main(["get", address, "--list"]) == 1
+    said = capsys.readouterr().err
+    assert "remote 'x' sets credentialpath, which is taken from your own settings alone" in said
+    assert "dvc remote modify --local x credentialpath" in said
+    assert main(["history", "mug", "--root", str(work)]) == 1
+    assert "sets credentialpath" in capsys.readouterr().err
+    assert not mark.exists()
+    assert files(scratch) == set()
+    # What the user sets counts.
+    (work / ".dvc/config.local").write_text(f"['remote \"x\"']\n    credentialpath = {credentials}\n")
+    if revision != "by URL":
+        with opened(address) as published:
+            assert published.stores.remote.path == "bucket/p/files/md5"
+
+
+def test_own_settings_under_version_control_are_refused(made, tmp_path, capsys):
+    work = clone_with(made, tmp_path, "['remote \"store\"']\n    profile = lab\n", ".dvc/config.local")
+    for address in (str(work), f"file://{work}"):
+        assert main(["get", address, "--list"]) == 1
+        assert ".dvc/config.local: is under version control" in capsys.readouterr().err
+
+
+def test_a_remote_of_the_users_own_is_not_sent_elsewhere(made, tmp_path, capsys, monkeypatch):
+    """Its password would go to an address that a repository names."""
+    monkeypatch.setenv("DVC_GLOBAL_CONFIG_DIR", str(tmp_path))
+    (tmp_path / "config").write_text("['remote \"store\"']\n    url = http://127.0.0.1:9\n    password = x\n")
+    assert main(["get", str(made[0] / "bare.git"), "--list"]) == 1
+    assert "remote 'store' sets another url than your settings" in capsys.readouterr().err
+
+
+def test_contents_larger_than_any_of_their_kind_are_refused(bare, tmp_path, monkeypatch):
+    monkeypatch.setitem(stores.MOST_BYTES, ".safetensors", 1000)
+    [got] = get(bare, ["mug"], tmp_path)
+    assert "more than the 1000 of any product of this kind" in str(got.error)
+    assert files(tmp_path) == set()
+    monkeypatch.setattr(stores, "MOST_LIST_BYTES", 10)
+    with pytest.raises(NotHere, match="a list of more than 10 bytes"):
+        get(bare, ["mug"], tmp_path)
+
+
+def test_a_repository_that_cannot_be_cloned_leaves_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert main(["get", f"file://{tmp_path}/nowhere", "mug", "-o", str(tmp_path / "got")]) == 1
+    assert "cannot be opened (" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """Single objects of a published data set, without the rest of it.
 
 DVC opens the repository (a path, or a URL whose git history is cloned to a temporary folder), finds its
-revision, its outputs, and its remote with its credentials.
+revision, its outputs and its remote. The credentials are those of the user.
 """
 
 import contextlib
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
+from pipeline.audit.opening import opened_clone, opened_folder
 from pipeline.audit.stores import Stores, md5_of
 from pipeline.dataset.products import ProductKind, verify
 from pipeline.dataset.records import SAFE_ID
@@ -99,28 +100,29 @@ def opened(repository: str, remote: str = "") -> Iterator["PublishedRevision"]:
     Raises
     ------
     InputError
-        No repository there, none under DVC, or no such revision or remote.
+        No repository there, none under DVC, one whose settings go beyond what is taken of them
+        (`pipeline.audit.opening`), or no such revision or remote.
     """
-    from dvc.exceptions import DvcException
+    from dvc.exceptions import DvcException, NotDvcRepoError
     from dvc.repo import Repo
-    from dvc.repo.open_repo import clean_repos
     from dvc.scm import RevError
 
     address, revision = split_revision(repository)
-    try:
-        made = Repo.open(address, rev=revision, uninitialized=False)
-    except RevError as error:
-        finding, remedy = f"no revision {revision!r}", "Name a branch, tag or commit of it."
-        raise InputError(address, finding, remedy) from error
-    except DvcException as error:
-        cause = str(error.__cause__ or error).strip().replace("\n", " ")
-        remedy = "Name the path or URL of a data set: a git repository under DVC."
-        raise InputError(repository, f"cannot be opened ({cause})", remedy) from error
-    try:
+    with contextlib.ExitStack() as stack:
+        try:
+            try:
+                opening = opened_folder(Repo.find_root(address), revision)
+            except NotDvcRepoError:  # a URL, or a bare repository
+                opening = opened_clone(address, revision)
+            made = stack.enter_context(opening)
+        except RevError as error:
+            finding, remedy = f"no revision {revision!r}", "Name a branch, tag or commit of it."
+            raise InputError(address, finding, remedy) from error
+        except DvcException as error:
+            cause = str(error.__cause__ or error).strip().replace("\n", " ")
+            remedy = "Name the path or URL of a data set: a git repository under DVC."
+            raise InputError(repository, f"cannot be opened ({cause})", remedy) from error
         yield PublishedRevision(repository, made, remote)
-    finally:
-        made.close()
-        clean_repos()
 
 
 def split_revision(repository: str) -> tuple[str, str | None]:

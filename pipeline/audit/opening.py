@@ -1,0 +1,144 @@
+"""Repositories under DVC opened without trust in their settings.
+
+What is under version control is its author's, also in a clone of one's own. Of a remote in ``.dvc/config``,
+only where it is and whether it is read without credentials are taken. Other settings, such as a file of
+credentials, may name a command to run. They count where the user made them: in ``.dvc/config.local``, which
+is not under version control, or for all repositories.
+"""
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from objectfolder.errors import InputError
+from pipeline.dataset.git_index import tracked_files
+from pipeline.dataset.site_cache import note_site_cache, use_own_site_cache
+
+PLACE = frozenset({"url", "endpointurl", "oss_endpoint", "account_name", "region"})  # in the words of DVC
+TAKEN = PLACE | {"allow_anonymous_login"}
+SETTINGS, OWN_SETTINGS = ".dvc/config", ".dvc/config.local"
+DEFAULT_BRANCH = "refs/remotes/origin/HEAD"  # of a clone
+# Git's own words for: fail where a name or a password would be asked for.
+UNASKED = {"GIT_TERMINAL_PROMPT": "0", "GIT_ASKPASS": "false"}
+
+
+@contextlib.contextmanager
+def opened_folder(folder: str, revision: str | None = None) -> Iterator[Any]:
+    """Open the repository around a folder, as it lies there or at a revision.
+
+    Yields
+    ------
+    dvc.repo.Repo
+        Closed afterwards.
+
+    Raises
+    ------
+    InputError
+        It sets what only its user may set.
+    dvc.exceptions.DvcException
+        No repository under DVC, or one without this revision.
+    """
+    from dvc.repo import Repo
+
+    use_own_site_cache()
+    root = Path(Repo.find_root(folder))
+    _check_settings(root, revision)
+    note_site_cache(root)
+    with contextlib.closing(Repo.open(str(root), rev=revision, uninitialized=False)) as repository:
+        yield repository
+
+
+@contextlib.contextmanager
+def opened_clone(address: str, revision: str | None = None) -> Iterator[Any]:
+    """Clone a repository to a temporary folder, and open a revision: of none, its default branch.
+
+    Nobody is asked for a name or a password; git's credential helpers are.
+
+    Yields
+    ------
+    dvc.repo.Repo
+        Closed afterwards, and its clone removed.
+
+    Raises
+    ------
+    InputError
+        It sets what only its user may set.
+    dvc.exceptions.DvcException
+        It cannot be cloned, is not under DVC, or has no such revision.
+    """
+    from dvc.repo import Repo
+    from dvc.scm import CloneError, clone, map_scm_exception
+    from scmrepo.git import Git
+
+    use_own_site_cache()
+    with tempfile.TemporaryDirectory(prefix="objectfolder-get-") as scratch, _nobody_asked():
+        root = Path(scratch) / "shallow"
+        git = None
+        with map_scm_exception():
+            if revision and not Git.is_sha(revision):  # a branch or tag needs no history
+                with contextlib.suppress(CloneError):
+                    git = clone(address, str(root), shallow_branch=revision)
+            if git is None:
+                root = Path(scratch) / "whole"
+                git = clone(address, str(root))
+            git.close()
+        revision = revision or DEFAULT_BRANCH
+        _check_settings(root, revision)
+        settings = {"cache": {"dir": f"{scratch}/cache"}}
+        with contextlib.closing(Repo(str(root), rev=revision, config=settings)) as repository:
+            yield repository
+
+
+def _check_settings(root: Path, revision: str | None) -> None:
+    """Raise InputError where settings under version control go beyond what is taken of them."""
+    from dvc.config import Config, merge
+    from dvc.fs import GitFileSystem
+    from dvc.scm import SCM
+
+    if root / OWN_SETTINGS in tracked_files(root):  # they are its author's, then
+        finding = "is under version control, but is for a user's own settings"
+        raise InputError(OWN_SETTINGS, finding, f"Ask its author, or `git rm --cached {OWN_SETTINGS}`.")
+    own = str(root / ".dvc")
+    versions: list[Config] = [Config(own, validate=False)]
+    if revision:
+        files = GitFileSystem(scm=SCM(str(root)), rev=revision)
+        versions.append(Config("/.dvc", local_dvc_dir=own, fs=files, validate=False))
+    for settings in versions:
+        everywhere: dict[str, Any] = {}
+        for level in settings.SYSTEM_LEVELS:
+            merge(everywhere, settings.load_one(level))
+        here = settings.load_one("local")
+        for name, said in _remotes(settings.load_one("repo")).items():
+            known, local = _remotes(everywhere).get(name, {}), _remotes(here).get(name, {})
+            for key in sorted(said.keys() - local.keys()):
+                if key not in TAKEN:
+                    finding = f"remote {name!r} sets {key}, which is taken from your own settings alone"
+                    remedy = f"In a clone: `dvc remote modify --local {name} {key} VALUE`, if you want it."
+                    raise InputError(SETTINGS, finding, remedy)
+                if key in PLACE and known and known.get(key) != said[key]:
+                    finding = f"remote {name!r} sets another {key} than your settings for all repositories"
+                    raise InputError(SETTINGS, finding, f"Give your own {name!r} another name.")
+
+
+def _remotes(settings: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the remotes of settings that DVC has not checked yet; what is none it refuses later."""
+    remotes = settings.get("remote")
+    found = remotes if isinstance(remotes, dict) else {}
+    return {name: said for name, said in found.items() if isinstance(said, dict)}
+
+
+@contextlib.contextmanager
+def _nobody_asked() -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in UNASKED}
+    os.environ.update(UNASKED)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
