@@ -7,7 +7,16 @@ import os
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveInt,
+    ValidationInfo,
+    field_validator,
+)
 
 from objectfolder.errors import InputError
 from pipeline.cluster.pools import USABLE
@@ -31,6 +40,13 @@ class Adapt(BaseModel):
 
     minimum: NonNegativeInt = 0
     maximum: PositiveInt
+
+    @field_validator("maximum")
+    @classmethod
+    def _not_below_minimum(cls, maximum: int, info: ValidationInfo) -> int:
+        if maximum < info.data.get("minimum", 0):
+            raise ValueError("It must not be less than adapt.minimum")
+        return maximum
 
 
 class Place(BaseModel):
@@ -65,7 +81,9 @@ class Place(BaseModel):
         Settings of Dask.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, validate_by_name=True, validate_by_alias=True
+    )
 
     version: Literal[1] = 1
     module: str = "distributed"

@@ -33,11 +33,12 @@ def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) ->
     Raises
     ------
     InputError
-        A class that is not installed or does not exist, or an argument that it does not take.
+        A class that is not installed, does not exist or is no cluster of Dask, or an argument that it does
+        not take.
     SimulationError
         It does not start.
     """
-    kind = _imported(place.module, place.class_name)
+    kind = _cluster_class(place)
     check_arguments(kind, place)
     arguments = dict(place.kwargs)
     try:
@@ -86,6 +87,18 @@ async def _start_again(cluster: Any) -> None:
         await cluster
     except Exception as error:  # of SSH, of a batch system, of a process
         print(f"a worker does not start: {error}; tried again", file=sys.stderr)
+
+
+def _cluster_class(place: Place) -> Callable[..., Any]:
+    """Return the class of a place; raise InputError for anything but a cluster of Dask."""
+    from distributed.deploy import Cluster
+
+    found = _imported(place.module, place.class_name)
+    # `SSHCluster` is a function that returns one.
+    if place.starts != SSH and not (inspect.isclass(found) and issubclass(found, Cluster)):
+        remedy = "Name a class of clusters, as distributed.LocalCluster."
+        raise InputError(place.starts, "is no cluster of Dask", remedy)
+    return found
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:

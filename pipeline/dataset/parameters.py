@@ -10,6 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Validat
 from pydantic.dataclasses import dataclass
 
 from objectfolder.errors import InputError
+from objectfolder.query_values import LARGEST_SEED
+from pipeline.dataset.bounds import Bounds
 from pipeline.dataset.validation import own_error, read_yaml, validated
 
 PARAMETERS = "params.yaml"
@@ -46,83 +48,108 @@ def _renderer(name: str, info: ValidationInfo) -> str:
     return name
 
 
+def _depths(depth_m: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
+    """Check that the depths are in order, and within what the gel and the camera of the sensor allow."""
+    from objectfolder.touch.sensor.sensor import Sensor
+    from objectfolder.touch.truth.touches import saturation_depth_m
+
+    least, most = depth_m
+    if least > most:
+        raise ValueError("The second must not be less than the first")
+    if "sensor" in info.data and most > (limit := saturation_depth_m(Sensor.from_dict(info.data["sensor"]))):
+        raise ValueError(f"The sensor allows {limit:g} metres at most")
+    return depth_m
+
+
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class ObjectsParameters:
-    """Which objects: a table (path from the root of the data set), and the ids to take (none: all)."""
+    """Which objects are made."""
 
-    table: str
-    only: tuple[str, ...]
+    table: Annotated[str, Field(description="table of objects, a path from the root of the data set")]
+    only: Annotated[tuple[str, ...], Field(description="ids of objects to make; none: all of the table")]
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionParameters:
-    """Ground truth of vision; distances in unit-frame lengths, angles in degrees."""
+    """Ground truth of vision. In the unit frame the longest side of an object is 1, its centre the origin."""
 
-    resolution: int
-    field_of_view_deg: float
-    camera_radius: float
-    training_views: int
-    training_samples: int
-    held_out_views: int
-    held_out_samples: int
-    light_power_w: float
-    passes: bool
+    resolution: Annotated[int, Bounds(8, 4096, "pixels", "side of a view")]
+    field_of_view_deg: Annotated[float, Bounds(1, 150, "degrees", "of the camera, across a view")]
+    camera_radius: Annotated[float, Bounds(1, 100, "unit-frame lengths", "camera from the centre")]
+    training_views: Annotated[int, Bounds(1, 100_000, "views", "to fit VisionNet to")]
+    training_samples: Annotated[int, Bounds(1, 65_536, "paths a pixel", "of Cycles, in views to fit")]
+    held_out_views: Annotated[int, Bounds(1, 100_000, "views", "to verify on")]
+    held_out_samples: Annotated[int, Bounds(1, 65_536, "paths a pixel", "of Cycles, in views to verify on")]
+    light_power_w: Annotated[float, Bounds(1e-6, 1e6, "watts", "of each light, in the unit frame")]
+    passes: Annotated[bool, Field(description="depth, normal, base colour and mask beside each view")]
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class AudioParameters:
-    """Ground truth of audio; `accuracy_cents` is the wanted error of the first 50 frequencies."""
+    """Ground truth of audio."""
 
-    max_frequency_hz: float
-    max_modes: int
-    accuracy_cents: float
-    training_points: int
-    held_out_points: int
-    transfer: Literal["none", "multipole"] = "none"
-    damping: Literal["loss_factor", "rayleigh"] = "loss_factor"
+    max_frequency_hz: Annotated[float, Bounds(20, 1e6, "hertz", "of a mode")]
+    max_modes: Annotated[int, Bounds(1, 4096, "modes", "of an object; more are left out")]
+    accuracy_cents: Annotated[float, Bounds(0.01, 1200, "cents", "error of the first 50 frequencies")]
+    training_points: Annotated[int, Bounds(1, 10_000_000, "points", "with a mode shape to fit AudioNet to")]
+    held_out_points: Annotated[int, Bounds(1, 10_000_000, "points", "to verify on")]
+    transfer: Annotated[
+        Literal["none", "multipole"], Field(description="the way of each mode through the air")
+    ] = "none"
+    damping: Annotated[Literal["loss_factor", "rayleigh"], Field(description="law by which modes decay")] = (
+        "loss_factor"
+    )
+
+
+DEPTH = Bounds(1e-6, 0.05, "metres", "of touches into the gel, least and most")
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class TouchParameters:
-    """Ground truth of touch.
+    """Ground truth of touch; `sensor` is all of the sensor that the file names."""
 
-    `sensor` is all of the sensor that the file names, `contact` a contact model, and `renderer` what draws.
-    """
-
-    sensor: Annotated[dict[str, Any], BeforeValidator(_sensor)]
-    contact: Literal["rigid", "elastic"]
-    touches: int
-    held_out_touches: int
-    depth_m: tuple[float, float]
-    tilt_deg: float
-    at_vertices: bool
-    renderer: Annotated[str, AfterValidator(_renderer)] = "compiled"
+    sensor: Annotated[
+        dict[str, Any], BeforeValidator(_sensor), Field(description="name of a sensor, or path of its file")
+    ]
+    contact: Annotated[Literal["rigid", "elastic"], Field(description="model of contact")]
+    touches: Annotated[int, Bounds(1, 1_000_000, "touches", "to fit TouchNet to")]
+    held_out_touches: Annotated[int, Bounds(1, 1_000_000, "touches", "to verify on")]
+    depth_m: Annotated[tuple[Annotated[float, DEPTH], Annotated[float, DEPTH]], AfterValidator(_depths)]
+    tilt_deg: Annotated[float, Bounds(0, 45, "degrees", "of the sensor from the normal, most")]
+    at_vertices: Annotated[bool, Field(description="press at vertices rather than spread by area")]
+    renderer: Annotated[
+        str, AfterValidator(_renderer), Field(description="what draws: compiled or pyrender")
+    ] = "compiled"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class CollisionParameters:
-    """Convex parts: the concavity that one may have, metres (none: what fits), and the largest number."""
+    """Convex parts of an object."""
 
-    threshold_m: Annotated[float, Field(gt=0)] | None
-    most_parts: Annotated[int, Field(ge=1)]
+    threshold_m: (
+        Annotated[float, Bounds(1e-6, 1, "metres", "of concavity in a part; null: what fits the object")]
+        | None
+    )
+    most_parts: Annotated[int, Bounds(1, 1000, "parts", "of an object")]
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class VisionNetParameters:
-    """Effort of fitting VisionNet: steps of its optimiser, the finest features it may store, and whether it
-    is fitted at all."""
+    """Effort of fitting VisionNet."""
 
-    steps: int
-    grid_corners: int = 100_000
-    material: Literal["learned", "known"] = "learned"
+    steps: Annotated[int, Bounds(1, 10_000_000, "steps", "of the optimiser")]
+    grid_corners: Annotated[int, Bounds(1, 10_000_000, "corners", "of the finest grid of features")] = 100_000
+    material: Annotated[
+        Literal["learned", "known"], Field(description="whether reflectance is fitted or computed")
+    ] = "learned"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class AudioNetParameters:
-    """Effort of fitting AudioNet: the gain error to reach, decibels, and the bytes not to exceed."""
+    """Effort of fitting AudioNet."""
 
-    goal_db: float
-    most_bytes: int
+    goal_db: Annotated[float, Bounds(-200, 0, "decibels", "gain error at which control points are enough")]
+    most_bytes: Annotated[int, Bounds(1000, 1_000_000_000, "bytes", "that AudioNet stores")]
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
@@ -148,9 +175,9 @@ class SizeParameters:
 class CommonParameters:
     """The parameters that all sizes share."""
 
-    size: str
-    seed: int
-    allow_failures: bool
+    size: Annotated[str, Field(description="which of `sizes` is made")]
+    seed: Annotated[int, Bounds(0, LARGEST_SEED, "", "of every random choice, with stage and object")]
+    allow_failures: Annotated[bool, Field(description="go on with the objects that did not fail")]
     objects: ObjectsParameters
 
 

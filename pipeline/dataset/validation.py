@@ -26,6 +26,8 @@ SECTION = ("dataclass_type", "model_type", "dict_type", "model_attributes_type")
 
 # Safe all the same, and ten times as fast where it is built.
 SAFE_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+MOST_BYTES, MOST_NODES, DEEPEST = 1 << 20, 100_000, 50
+LONGEST_SHOWN = 60  # letters of a value in a message
 
 
 def read_yaml(path: Path) -> Any:
@@ -34,15 +36,21 @@ def read_yaml(path: Path) -> Any:
     Raises
     ------
     InputError
-        A file that cannot be read.
+        A file that cannot be read: absent, larger than `MOST_BYTES`, nested deeper than `DEEPEST`, of more
+        than `MOST_NODES` values with repetitions, with a part inside itself, or with a key twice.
     """
     try:
-        return SAFE_LOADER(path.read_text(encoding="utf-8")).get_single_data()
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise yaml.YAMLError(f"more than {MOST_BYTES} bytes")
+        return _checked(content.decode())
     except FileNotFoundError as error:
         remedy = "Check the path, or go to the root of the data set."
         raise InputError(str(path), "no such file", remedy) from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        finding = f"cannot be read ({' '.join(str(error).split())})"
+        raise InputError(str(path), finding, "It must be a YAML file.") from error
 
 
 def validated(where: str, kind: type[Kind], content: Any, context: Mapping[str, Any] | None = None) -> Kind:
@@ -65,14 +73,52 @@ def validated(where: str, kind: type[Kind], content: Any, context: Mapping[str, 
         The first mistake: field, value and remedy. Of an unknown field, the nearest known one is named.
     """
     try:
-        return TypeAdapter(kind).validate_json(
-            json.dumps(content, default=str), strict=True, context=dict(context or {})
-        )
+        text = json.dumps(content, default=str)
+    except TypeError as error:
+        raise InputError(where, "a key is neither text nor a number", "Correct it.") from error
+    try:
+        return TypeAdapter(kind).validate_json(text, strict=True, context=dict(context or {}))
     except ValidationError as error:
         found = error.errors(include_url=False)
         # A misspelt key is also a missing one; its own name says more.
         first = next((one for one in found if one["type"] in UNKNOWN), found[0])
         raise _input_error(where, kind, first) from None
+
+
+def _checked(text: str) -> Any:
+    """Return what a text of YAML holds; raise YAMLError where it is not what a person writes."""
+    depth = 0
+    for event in yaml.parse(text, SAFE_LOADER):  # before anything is built, which calls itself for each level
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise yaml.YAMLError(f"nested more than {DEEPEST} deep")
+    loader = SAFE_LOADER(text)
+    node = loader.get_single_node()
+    if node is None:
+        return None
+    _count_nodes(node, {})
+    return loader.construct_document(node)
+
+
+def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
+    """Return the nodes of a part, each repetition counted; `counts` has those of parts, None of open ones."""
+    if id(node) not in counts:
+        counts[id(node)] = None
+        parts = node.value if isinstance(node, yaml.CollectionNode) else []
+        if isinstance(node, yaml.MappingNode):
+            names = [(key.tag, key.value) for key, _ in parts if isinstance(key, yaml.ScalarNode)]
+            if len(set(names)) < len(names):
+                twice = next(name for name in names if names.count(name) > 1)
+                raise yaml.MarkedYAMLError(
+                    None, None, f"the key {twice[1]!r} is there twice", node.start_mark
+                )
+            parts = [part for pair in parts for part in pair]
+        counts[id(node)] = 1 + sum(_count_nodes(part, counts) for part in parts)
+    count = counts[id(node)]
+    if count is None or count > MOST_NODES:
+        finding = f"more than {MOST_NODES} values" if count else "a part is inside itself"
+        raise yaml.MarkedYAMLError(None, None, finding, node.start_mark)
+    return count
 
 
 def own_error(error: InputError) -> PydanticCustomError:
@@ -119,10 +165,12 @@ def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
         finding = f"{name} is {value!r}" if name else "holds no keys"
         return InputError(where, finding, "It must be a section with keys.")
     rule = error["msg"].removeprefix("Value error, ").rstrip(".")
+    shown = repr(value)
+    shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[:LONGEST_SHOWN]}..."
     remedy = f"{rule.replace('Input should be', 'It must be')}."
     if error["type"] == "float_type" and isinstance(value, str):
         remedy += " YAML reads 1e-3 as text: write 1.0e-3, not 1e-3."
-    return InputError(where, f"{name} is {value!r}", remedy)
+    return InputError(where, f"{name} is {shown}", remedy)
 
 
 def _dotted(parts: Sequence[str | int]) -> str:

@@ -1,12 +1,17 @@
 """``params.yaml`` is read strictly, and edited with its comments kept."""
 
+import functools
+import operator
+
 import pytest
+import yaml
 from toys import REPOSITORY
 
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import FOLDER, read_sensor
-from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.parameter_table import page, parameters
+from pipeline.dataset.parameters import CommonParameters, SizeParameters, read_parameters
 from pipeline.dataset.selection import select
 
 TEXT = (REPOSITORY / "params.yaml").read_text()
@@ -53,6 +58,63 @@ def test_mistakes_are_named(tmp_path, old, new, message):
     with pytest.raises(InputError) as raised:
         read(tmp_path, TEXT.replace(old, new, 1))
     assert message in str(raised.value)
+
+
+NUMBERS = {
+    one.name: one.bounds for one in (*parameters(CommonParameters), *parameters(SizeParameters)) if one.bounds
+}
+
+
+def without(name, value):
+    """The parameters with an absurd value, as text."""
+    content = yaml.safe_load(TEXT)
+    *sections, key = name.split(".")
+    section = functools.reduce(operator.getitem, sections, content["sizes"]["small"] if sections else content)
+    section[key] = [value, value] if name == "touch.depth_m" else value
+    return yaml.safe_dump(content)
+
+
+def refused(tmp_path, name, value):
+    with pytest.raises(InputError) as raised:
+        read(tmp_path, without(name, value))
+    said = str(raised.value)
+    assert "\n" not in said
+    assert name in said
+    return said
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_number_out_of_its_range_is_refused_with_key_value_and_range(tmp_path, name):
+    bounds = NUMBERS[name]
+    value = type(bounds.least)(2 * bounds.most + 1)
+    said = refused(tmp_path, name, value)
+    assert f"is {value}. It must be from {bounds}." in said
+    assert len(said) < 200
+
+
+@pytest.mark.release("pipeline.dataset")
+@pytest.mark.parametrize("name", NUMBERS)
+def test_no_absurd_value_is_taken(tmp_path, name):
+    bounds = NUMBERS[name]
+    for value in (
+        float("nan"), float("inf"), -float("inf"), bounds.least - 1, -1e9, 10.0**300, 10**400, "3", True,
+        {"a": 1},
+    ):  # fmt: skip
+        refused(tmp_path, name, value)
+
+
+def test_depths_are_in_order_and_within_the_sensor(tmp_path):
+    with pytest.raises(InputError, match=r"depth_m is \[0\.002, 0\.001\]\. The second must not be less"):
+        read(tmp_path, TEXT.replace("[0.0005, 0.002]", "[0.002, 0.001]", 1))
+    with pytest.raises(
+        InputError, match=r"depth_m is \[0\.0005, 0\.04\]\. The sensor allows 0\.\d+ metres at most"
+    ):
+        read(tmp_path, TEXT.replace("[0.0005, 0.002]", "[0.0005, 0.04]", 1))
+
+
+def test_the_page_of_parameters_is_that_of_the_code():
+    """Write it again: python -m pipeline.dataset.parameter_table > docs/parameters.md."""
+    assert (REPOSITORY / "docs/parameters.md").read_text() == page()
 
 
 def test_what_is_read_is_the_sensor_itself_and_not_its_name(tmp_path):

@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from itertools import pairwise
 
 import psutil
 import pytest
@@ -70,9 +71,22 @@ def test_what_is_named_goes_before_the_variables(root, monkeypatch):
         ("xyzzy: 2", "unknown key xyzzy", "Known are version, module"),
         ("memory_gb: 4 GB", "memory_gb is '4 GB'", "valid number"),
         ("memory_gb: -1", "memory_gb is -1", "greater than or equal to 0"),
+        ("memory_gb: .nan", "memory_gb is nan", "finite number"),
+        ("adapt: {minimum: 3, maximum: 2}", "adapt.maximum is 2", "must not be less than adapt.minimum"),
         ("version: 2", "version is 2", "1"),
         ("- 1", "holds no keys", "section with keys"),
         ("a: [", "cannot be read", "must be a YAML file"),
+        ("[" * 60 + "]" * 60, "nested more than 50 deep", "must be a YAML file"),
+        ("kwargs: &a {b: *a}", "a part is inside itself", "must be a YAML file"),
+        (
+            "a: &a [0,0,0,0,0,0,0,0,0,0]\n"
+            + "".join(f"{new}: &{new} [{','.join([f'*{old}'] * 10)}]\n" for old, new in pairwise("abcdef")),
+            "more than 100000 values",
+            "must be a YAML file",
+        ),
+        ("memory_gb: 1\nmemory_gb: 2", "the key 'memory_gb' is there twice", "must be a YAML file"),
+        ("threads: " + "9" * 5000, "Exceeds the limit", "must be a YAML file"),
+        ("kwargs: {2020-01-01: 1}", "a key is neither text nor a number", "Correct it"),
     ],
 )
 def test_what_cannot_be_is_refused(root, text, finding, remedy):
@@ -118,6 +132,15 @@ def test_a_class_or_an_argument_that_does_not_exist_is_named_with_the_nearest(ro
     pytest.importorskip("dask_jobqueue")
     with pytest.raises(InputError, match=r"kwargs\.walltimes. Did you mean walltime\?"):
         _start(Place(module="dask_jobqueue", class_name="SLURMCluster", kwargs={"walltimes": 1}), root)
+
+
+@pytest.mark.parametrize("module", ["os", "subprocess"])
+def test_what_is_no_cluster_is_never_called(root, tmp_path, module):
+    name = {"os": "system", "subprocess": "Popen"}[module]
+    place = Place(module=module, class_name=name, args=[f"touch {tmp_path}/mark"], tls=False)
+    with pytest.raises(InputError, match="is no cluster of Dask"):
+        _start(place, root)
+    assert not (tmp_path / "mark").exists()
 
 
 def _start(place, root):
