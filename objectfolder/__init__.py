@@ -136,7 +136,7 @@ def build(
     Parameters
     ----------
     mesh
-        OBJ, glTF, GLB, PLY or STL.
+        OBJ, glTF, GLB, PLY, STL, OFF, 3MF, COLLADA, FBX, USD or .blend.
     material
         A row of the factory's table of materials, such as ``"ceramic"``.
     length_m

@@ -22,6 +22,7 @@ DISTRIBUTIONS = {  # that are not named as what is imported
     "PIL": "Pillow",
     "numba_cuda": "numba-cuda",
     "cv2": "opencv-contrib-python-headless",
+    "collada": "pycollada",
     "pxr": "usd-core",
     "skimage": "scikit-image",
     "yaml": "PyYAML",

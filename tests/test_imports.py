@@ -8,6 +8,7 @@ from pathlib import Path
 REPOSITORY = Path(__file__).parents[1]
 BORDERS = {
     "objectfolder/vision/truth/cycles.py": "bpy",
+    "objectfolder/mesh/readers/blender_process.py": "bpy",
     "objectfolder/touch/truth/opengl.py": "pyrender",
 }
 

@@ -46,7 +46,7 @@ def ingest_object(
     Parameters
     ----------
     mesh_path
-        OBJ, glTF, GLB, PLY or STL.
+        OBJ, glTF, GLB, PLY, STL, OFF, 3MF, COLLADA, FBX, USD or .blend.
     texture_path
         Base colour image in place of what the mesh names; None follows the mesh.
     length_m

@@ -1,5 +1,6 @@
 """Which axis of a file is up: that axis becomes z, which cameras, lights and simulators take as up."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +18,22 @@ _SIGNS = {"x": (1.0, 1.0, 1.0), "y": (1.0, -1.0, 1.0), Z_UP: (1.0, 1.0, 1.0)}
 
 UP_AXES = tuple(_AXES)
 
+_COLLADA_UP = re.compile(rb"up_axis\s*>\s*([XYZ])_UP")
+
+_HEAD_BYTES = 2**16
+
 
 def up_axis(path: Path) -> str:
-    """Return the axis that is up by a file's format: y for glTF, whose standard says so, else z."""
-    return "y" if path.suffix.lower() in (".gltf", ".glb") else Z_UP
+    """Return the axis that is up by a file's format: y for glTF, what a COLLADA file says, else z.
+
+    Blender gives what it reads z as up, by what FBX and USD files say.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".dae":
+        with path.open("rb") as file:
+            said = _COLLADA_UP.search(file.read(_HEAD_BYTES))
+        return said[1].decode().lower() if said else "y"
+    return "y" if suffix in (".gltf", ".glb") else Z_UP
 
 
 def check_up_axis(up: str | None, where: str) -> None:

@@ -24,7 +24,10 @@ Root = Annotated[Path, Parameter(help="folder of the data set")]
 Output = Annotated[Path, Parameter(alias="-o")]
 Overwrite = Annotated[bool, Parameter(help="replace what an earlier run wrote there")]
 ObjectFilePath = Annotated[Path, Parameter(help="an Object File (.safetensors)")]
-MeshOrFile = Annotated[Path, Parameter(help="OBJ, glTF, GLB, PLY or STL; or an Object File (.safetensors)")]
+MeshOrFile = Annotated[
+    Path,
+    Parameter(help="a mesh that `build` takes (OBJ, glTF, PLY, STL, FBX, USD and others), or an Object File"),
+]
 Materials = Annotated[Path, Parameter(help="materials table (CSV)")]
 Json = Annotated[bool, Parameter(help="print JSON")]
 Remote = Annotated[str, Parameter(help="DVC remote to read from (default: the repository's)")]

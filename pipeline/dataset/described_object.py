@@ -21,7 +21,7 @@ class DescribedObject:
     Parameters
     ----------
     mesh
-        OBJ, glTF, GLB, PLY or STL
+        OBJ, glTF, GLB, PLY, STL, OFF, 3MF, COLLADA, FBX, USD or .blend
     material
         a row of the materials table
     materials

@@ -229,10 +229,10 @@ def test_mesh_file_that_is_not_one(tmp_path, suffix, content):
 
 
 def test_mesh_of_an_unknown_format(tmp_path):
-    path = tmp_path / "model.fbx"
-    path.write_bytes(b"Kaydara FBX Binary")
+    path = tmp_path / "model.3ds"
+    path.write_bytes(b"MM")
     problem = refused(path)
-    assert "'.fbx' is not a known mesh format" in problem.finding
+    assert "'.3ds' is not a known mesh format" in problem.finding
     assert ".glb" in problem.remedy
 
 

@@ -241,9 +241,9 @@ def test_gloss_becomes_metal_as_khronos_converts_it():
         ("a.obj", b"", "is empty"),
         ("a.obj", b"glTF\x02\0\0\0", "end in .glb"),
         ("a.stl", b"ply\nformat ascii 1.0\n", "end in .ply"),
-        ("a.obj", b"Kaydara FBX Binary  \0", "bpy.ops.import_scene.fbx"),
-        ("a.usdz", b"PK\x03\x04", "bpy.ops.wm.usd_import"),
-        ("a.off", b"OFF\n", "trimesh.load"),
+        ("a.obj", b"Kaydara FBX Binary  \0", "end in .fbx"),
+        ("a.obj", b"PK\x03\x04", "Unpack it"),
+        ("a.ply", b"<?xml version='1.0'?><COLLADA>", "end in .dae"),
     ],
 )  # fmt: skip
 def test_files_that_are_no_mesh_are_named_with_the_remedy(tmp_path, name, content, finding):

@@ -1,9 +1,9 @@
 """glTF and GLB: all nodes of a scene as one textured mesh, and which meshes they show, and where."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from objectfolder.mesh.readers.gltf_file import (
     whole,
 )
 from objectfolder.mesh.readers.gltf_materials import PLAIN, Material, read_material
+from objectfolder.mesh.readers.parts import joined_meshes
 from objectfolder.mesh.readers.textures import TextureReader, corner_colour_atlas, opaque, srgb_encode
 
 MOST_TRIANGLES = 10_000_000
@@ -38,8 +39,6 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MOST_OUTSIDE = 0.01
 """How far outside 0..1 coordinates of a texture that does not repeat may lie, by rounding and by padding."""
 _INSTANCES = "EXT_mesh_gpu_instancing"
-
-Value = TypeVar("Value")
 
 
 def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
@@ -75,7 +74,7 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         raise unreadable(path, KINDS[path.suffix.lower()], problem) from problem
     if not parts:
         raise InputError(str(path), "holds no faces", "Use a glTF file with triangles in its scene")
-    joined = _joined(parts)
+    joined = joined_meshes(parts)
     refuse_unusable(path, joined.vertices)
     refuse_coarse(path, joined.vertices, step)
     return replace(joined, remarks=tuple(file.remarks))
@@ -217,29 +216,6 @@ def _refuse_outside(path: Path, coordinates: np.ndarray) -> None:
             "sampler clamps or mirrors, which is not supported",
             "Set the sampler to repeat, or unwrap within 0..1",
         )
-
-
-def _joined(meshes: list[TexturedMesh]) -> TexturedMesh:
-    vertex_offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    return TexturedMesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate([mesh.faces + offset for mesh, offset in zip(meshes, vertex_offsets, strict=False)]),
-        np.concatenate([mesh.texture_coordinates for mesh in meshes]),
-        tuple(mesh.textures[0] for mesh in meshes),
-        np.concatenate(
-            [np.full(len(mesh.faces), index, dtype=np.int32) for index, mesh in enumerate(meshes)]
-        ),
-        np.concatenate([mesh.normals for mesh in meshes if mesh.normals is not None]),
-        alpha_cutoffs=_of_each([mesh.alpha_cutoffs for mesh in meshes]),
-        roughness_maps=_of_each([mesh.roughness_maps for mesh in meshes]),
-        metallic_maps=_of_each([mesh.metallic_maps for mesh in meshes]),
-        normal_maps=_of_each([mesh.normal_maps for mesh in meshes]),
-    )
-
-
-def _of_each(parts: list[Mapping[int, Value]]) -> dict[int, Value]:
-    """What the only textures of meshes have, by the number of the mesh."""
-    return {index: part[0] for index, part in enumerate(parts) if 0 in part}
 
 
 def placed_meshes(file: Gltf) -> Iterator[tuple[np.ndarray, Json]]:

@@ -10,21 +10,35 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.blender import BLENDER_SUFFIXES, blender_files, read_with_blender
+from objectfolder.mesh.readers.collada_file import collada_files, read_collada
 from objectfolder.mesh.readers.face_count import refuse_many_faces
-from objectfolder.mesh.readers.file_kinds import conversion, refuse_foreign
+from objectfolder.mesh.readers.file_kinds import refuse_foreign
 from objectfolder.mesh.readers.files import find_file, is_file
 from objectfolder.mesh.readers.gltf import read_gltf
 from objectfolder.mesh.readers.gltf_file import gltf_files
 from objectfolder.mesh.readers.material_library import MOST_LIBRARIES, library_files, read_material_library
 from objectfolder.mesh.readers.obj import material_libraries, read_obj
+from objectfolder.mesh.readers.off import read_off
 from objectfolder.mesh.readers.ply import ply_texture_name, read_ply
 from objectfolder.mesh.readers.stl import read_stl
 from objectfolder.mesh.readers.textures import opaque, read_texture
+from objectfolder.mesh.readers.three_mf import read_three_mf
 from objectfolder.mesh.up_axis import check_up_axis, up_axis, z_up
 
 Kept = TypeVar("Kept")
 
-_READERS = {".obj": read_obj, ".gltf": read_gltf, ".glb": read_gltf, ".ply": read_ply, ".stl": read_stl}
+_READERS = {
+    ".obj": read_obj,
+    ".gltf": read_gltf,
+    ".glb": read_gltf,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".off": read_off,
+    ".3mf": read_three_mf,
+    ".dae": read_collada,
+    **dict.fromkeys(BLENDER_SUFFIXES, read_with_blender),
+}
 
 MESH_SUFFIXES = tuple(_READERS)
 
@@ -32,7 +46,9 @@ MESH_SUFFIXES = tuple(_READERS)
 def load_mesh(
     path: Path, texture: Path | None = None, *, with_textures: bool = True, up: str | None = None
 ) -> TexturedMesh:
-    """Read OBJ, glTF, GLB, PLY or STL with its base colour textures, and maps of reflectance and normals.
+    """Read a mesh of any format of `MESH_SUFFIXES` with its textures, and maps of reflectance and normals.
+
+    FBX, USD and .blend files are read by Blender, in a child process.
 
     Alpha is 255 but where the source asks for transparency: by glTF's `alphaMode`, or by `d` or `map_d` of a
     material library. Equal textures with equal maps are kept once.
@@ -46,12 +62,13 @@ def load_mesh(
     with_textures
         False reads the shape alone, which is all that sound and touch need.
     up
-        Axis of the file that is up, ``"x"``, ``"y"`` or ``"z"``; None takes y for glTF and z for all others.
+        Axis of the file that is up, ``"x"``, ``"y"`` or ``"z"``; None takes y for glTF, what a
+        COLLADA file says, and z for all others.
 
     Returns
     -------
     TexturedMesh
-        Vertices and faces as in the file, in its own units, turned so that z is up.
+        Vertices and faces as in the file, in metres where its format has units, turned so that z is up.
 
     Raises
     ------
@@ -73,10 +90,8 @@ def load_mesh(
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         known = ", ".join(MESH_SUFFIXES)
-        remedy = f"Use one of {known}"
-        if helps := conversion(path, suffix):
-            remedy += f". {helps}"
-        raise InputError(str(path), f"{suffix or 'no suffix'!r} is not a known mesh format", remedy)
+        finding = f"{suffix or 'no suffix'!r} is not a known mesh format"
+        raise InputError(str(path), finding, f"Use one of {known}")
     refuse_foreign(path)
     refuse_many_faces(path)
     named_texture = read_texture(Path(texture)) if texture is not None and with_textures else None
@@ -161,12 +176,10 @@ def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
         return tuple(named)
     suffix = mesh.suffix.lower()
     try:
-        if suffix == ".obj":
-            referred = [] if texture is not None else _obj_files(mesh)
-        elif suffix in (".gltf", ".glb"):
+        if suffix in (".gltf", ".glb"):
             referred = gltf_files(mesh, with_images=texture is None)
-        elif suffix == ".ply":
-            referred = [] if texture is not None else _ply_files(mesh)
+        elif suffix in _FILES_OF:
+            referred = [] if texture is not None else _FILES_OF[suffix](mesh)
         else:
             referred = []
     except InputError:
@@ -188,3 +201,11 @@ def _ply_files(mesh: Path) -> list[Path]:
     name = ply_texture_name(mesh)
     found = None if name is None else find_file(mesh.parent, [name], within=mesh.parent)
     return [] if found is None else [found]
+
+
+_FILES_OF = {
+    ".obj": _obj_files,
+    ".ply": _ply_files,
+    ".dae": collada_files,
+    **dict.fromkeys(BLENDER_SUFFIXES, blender_files),
+}

@@ -352,13 +352,13 @@ def _colours(
             if all(name in by_name for name in names):
                 channels = np.stack([_numbers(by_name[name]) for name in names], axis=1)
                 colours = np.ones((len(channels), 4))
-                colours[:, :3] = _fractions(path, channels)
+                colours[:, :3] = colour_fractions(path, channels)
                 return np.asarray(colours[rows])
     return None
 
 
-def _fractions(path: Path, values: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) in 0..1."""
+def colour_fractions(path: Path, values: np.ndarray) -> np.ndarray:
+    """Return colours (n, 3) of any type in 0..1; `InputError` for what is no colour."""
     if values.dtype == np.int8:
         values = values.view(np.uint8)
     largest = float(np.nanmax(values, initial=0))

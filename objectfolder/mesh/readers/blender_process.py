@@ -1,0 +1,71 @@
+"""Child process that reads a mesh with Blender: ``-m objectfolder.mesh.readers.blender_process IN OUT``.
+
+A process of its own because Blender is native code that keeps its state and can crash. IN is an FBX, USD or
+.blend file; OUT is a folder that gets `mesh.glb`, with z up, and `read.json`: the version of Blender, metres
+in a unit, the files that IN refers to, and sentences about what is left out.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from objectfolder.child_process import end_with, limit_cpu_time
+
+TIME_LIMIT_S = 600
+
+
+def main(source: Path, folder: Path) -> None:
+    """Import, leave out what lies outside of the folder of `source`, export."""
+    import bpy
+
+    limit_cpu_time(TIME_LIMIT_S)
+    if source.suffix.lower() == ".blend":
+        bpy.ops.wm.open_mainfile(filepath=str(source), load_ui=False, use_scripts=False)
+    else:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        if source.suffix.lower() == ".fbx":
+            bpy.ops.wm.fbx_import(filepath=str(source), use_anim=False)
+        else:
+            packed = "IMPORT_PACK" if source.suffix.lower() == ".usdz" else "IMPORT_NONE"
+            bpy.ops.wm.usd_import(filepath=str(source), import_textures_mode=packed, set_frame_range=False)
+    files, remarks = _images(source)
+    scale = bpy.context.scene.unit_settings.scale_length
+    bpy.ops.export_scene.gltf(
+        filepath=str(folder / "mesh.glb"),
+        export_yup=False,
+        export_apply=True,
+        use_visible=True,
+        export_animations=False,
+        export_skins=False,
+        export_morph=False,
+    )
+    said = {"version": bpy.app.version_string, "files": files, "remarks": remarks, "metres": scale}
+    (folder / "read.json").write_text(json.dumps(said))
+
+
+def _images(source: Path) -> tuple[list[str], list[str]]:
+    """Files of pictures in the folder of the mesh, and sentences about those that are not there."""
+    import bpy
+
+    inside, files, remarks = source.parent.resolve(), [], []
+    for image in list(bpy.data.images):
+        if image.source != "FILE" or image.packed_file is not None or not image.filepath:
+            continue
+        path = Path(bpy.path.abspath(image.filepath))
+        if path.is_file() and path.resolve().is_relative_to(inside):
+            files.append(str(path))
+            continue
+        beside = inside / path.name
+        if beside.is_file():
+            image.filepath = str(beside)
+            files.append(str(beside))
+            continue
+        remarks.append(f"the picture {path.name[:80]!r} is not in the folder of the mesh and is left out")
+        bpy.data.images.remove(image)
+    return files, remarks
+
+
+if __name__ == "__main__":
+    end_with(os.getppid())
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,135 @@
+"""COLLADA (.dae): the geometries of its scene in their places, with the colours of their materials."""
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.extras import needs_extra
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.files import find_file, read_bytes, refuse_unusable, unreadable
+from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
+from objectfolder.mesh.readers.parts import joined_meshes
+from objectfolder.mesh.readers.polygons import triangulated
+from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, read_texture, uniform_texture
+from objectfolder.mesh.readers.xml_tree import xml_tree
+
+
+def read_collada(path: Path, *, with_textures: bool = True) -> TexturedMesh:
+    """Read a COLLADA file in metres, by the unit that it states; which axis is up is left as it is.
+
+    Diffuse colours, pictures and colours of vertices are read, without transparency.
+
+    Parameters
+    ----------
+    with_textures
+        False leaves colours out; pictures may then be missing.
+
+    Raises
+    ------
+    InputError
+        Not COLLADA, no faces, a mesh that a skeleton poses, a missing or broken picture.
+    """
+    document = _document(path)
+    if document.scene is None:
+        raise InputError(str(path), "has no scene", "Export the mesh again")
+    if any(True for _ in document.scene.objects("controller")):
+        finding = "is posed by a skeleton, which is not supported"
+        raise InputError(str(path), finding, "Apply the armature before it is exported")
+    try:
+        parts = [
+            part
+            for bound in document.scene.objects("geometry")
+            for primitive in bound.primitives()
+            for part in _parts(path, primitive, bound.matrix, document.assetInfo.unitmeter, with_textures)
+        ]
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as problem:
+        raise unreadable(path, "COLLADA", problem) from problem
+    if not parts:
+        raise InputError(str(path), "holds no faces", "Use a COLLADA file with polygons in its scene")
+    mesh = joined_meshes(parts)
+    refuse_unusable(path, mesh.vertices)
+    return mesh
+
+
+def collada_files(path: Path) -> list[Path]:
+    """Return the pictures that a COLLADA file names and that are there."""
+    pictures = [_picture(path, image.path) for image in _document(path).images]
+    return [picture for picture in pictures if picture is not None]
+
+
+def _document(path: Path) -> Any:
+    with needs_extra("factory"):
+        import collada
+    data = read_bytes(path)
+    try:
+        xml_tree(data)  # refuses what a parser of XML should not be given
+        return collada.Collada(io.BytesIO(data), ignore=[collada.common.DaeUnsupportedError])
+    except (collada.common.DaeError, ValueError, KeyError, IndexError, TypeError, AttributeError) as problem:
+        raise unreadable(path, "COLLADA", problem) from problem
+
+
+def _parts(
+    path: Path, primitive: Any, matrix: np.ndarray, unit_m: float, with_textures: bool
+) -> Iterator[TexturedMesh]:
+    """Yield the polygons of a primitive as a mesh; nothing of lines and of what is empty."""
+    said = primitive.original
+    if not hasattr(primitive, "shapes") or not len(said.index) or hasattr(primitive, "lines"):
+        return
+    indices = said.index.reshape(-1, said.nindices)  # a row for a corner, a column for an input
+    counts = said.vcounts if hasattr(said, "vcounts") else np.full(len(indices) // 3, 3)
+    corners = indices[:, said.sources["VERTEX"][0][0]].astype(np.int64)
+    vertices = np.asarray(primitive.vertex, dtype=np.float64) * (unit_m or 1.0)
+    if corners.min() < 0 or corners.max() >= len(vertices) or min(counts) < 3:
+        raise ValueError("a polygon has fewer than three corners, or names a vertex that is not there")
+    loops = np.split(corners, np.cumsum(counts)[:-1])
+    places, _ = triangulated(vertices, [loop.tolist() for loop in loops])
+    faces = corners[places]
+    texture, coordinates = uniform_texture(DEFAULT_COLOUR), np.full((len(faces), 3, 2), np.nan)
+    if with_textures:
+        texture, coordinates = _looks(path, primitive, indices[places.reshape(-1)])
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
+    of_face = np.zeros(len(faces), dtype=np.int32)
+    yield TexturedMesh(vertices, faces, coordinates, (texture,), of_face, np.zeros((len(faces), 3, 3)))
+
+
+def _looks(path: Path, primitive: Any, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Texture, and its coordinates (F, 3, 2), of faces by the rows (3 F, inputs) of their corners."""
+    effect = getattr(primitive.material, "effect", None)
+    looks: Any = getattr(effect, "diffuse", None) or getattr(effect, "emission", None)
+    sources = primitive.original.sources
+    sampler = getattr(looks, "sampler", None)
+    if sampler is not None:
+        name = sampler.surface.image.path
+        picture = _picture(path, name)
+        if picture is None:
+            remedy = "Add the file, or name the texture"
+            raise InputError(str(path), f"names the picture {name[:100]!r}, which is not there", remedy)
+        _, chosen = primitive.inputmap.get(looks.texcoord, ("TEXCOORD", None))
+        sets = sources.get("TEXCOORD", [])
+        one = next((one for one in sets if chosen is None or str(one[3]) == str(chosen)), None)
+        coordinates = np.full((len(corners) // 3, 3, 2), np.nan)
+        if one is not None:
+            coordinates = one[4].data[corners[:, one[0]], :2].reshape(-1, 3, 2).astype(np.float64)
+        return opaque(read_texture(picture)), coordinates
+    if sources.get("COLOR"):
+        one = sources["COLOR"][0]
+        colours = np.ones((len(corners), 4))
+        colours[:, :3] = np.clip(one[4].data[corners[:, one[0]], :3], 0, 1)
+        texture, coordinates = corner_colour_atlas(colours.reshape(-1, 3, 4))
+        return opaque(texture), coordinates
+    colour = DEFAULT_COLOUR if looks is None else np.clip(np.asarray(looks[:3], dtype=np.float64), 0, 1)
+    return uniform_texture(colour), np.full((len(corners) // 3, 3, 2), np.nan)
+
+
+def _picture(path: Path, name: str) -> Path | None:
+    """Find a picture in the folder of the mesh, by its place or by its name alone."""
+    written = unquote(name.removeprefix("file://"))
+    return find_file(
+        path.parent, [written, written.replace("\\", "/").rpartition("/")[2]], within=path.parent
+    )

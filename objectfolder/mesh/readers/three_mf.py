@@ -1,0 +1,222 @@
+"""3MF: a zip archive with meshes, their places and colours in XML."""
+
+import posixpath
+import zipfile
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.mesh.readers.files import LARGEST_FILE_BYTES, refuse_unusable, unreadable
+from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
+from objectfolder.mesh.readers.parts import joined_meshes
+from objectfolder.mesh.readers.textures import corner_colour_atlas, decode_texture, opaque, uniform_texture
+from objectfolder.mesh.readers.xml_tree import xml_tree
+
+_UNITS_M = {
+    "micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0,
+}  # fmt: skip
+_MODEL_RELATION = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+_USUAL_MODEL = "3D/3dmodel.model"
+_DEEPEST = 32
+MOST_TRIANGLES = 10_000_000
+"""Of all places together: few bytes may ask for very many by naming one object often."""
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A mesh with an index of a property for each corner, or other objects in their places."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    property_ids: list[str]
+    property_indices: np.ndarray
+    components: list[tuple[str, str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A part of the archive: objects, colours (n, 4), and pictures with coordinates (n, 2), by their ids."""
+
+    unit_m: float
+    bodies: dict[str, _Body] = field(default_factory=dict)
+    colours: dict[str, np.ndarray] = field(default_factory=dict)
+    pictures: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
+    items: list[tuple[str, str, np.ndarray]] = field(default_factory=list)
+
+
+def read_three_mf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
+    """Read a 3MF file in metres, by the unit that it states: all objects in the places of its plate.
+
+    Colours are those of base materials, colour groups and textures, without their alpha.
+
+    Parameters
+    ----------
+    with_textures
+        False leaves colours out.
+
+    Raises
+    ------
+    InputError
+        Not 3MF, encrypted or cut short, no faces, an index out of range, a broken picture.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > LARGEST_FILE_BYTES:
+                raise ValueError(f"it unpacks to more than {LARGEST_FILE_BYTES} bytes")
+            reader = _Reader(path, archive, with_textures)
+            parts = list(reader.parts())
+    except (
+        zipfile.BadZipFile, zlib.error, ValueError, KeyError, IndexError, RuntimeError, EOFError, OSError,
+        OverflowError,
+    ) as problem:  # fmt: skip
+        raise unreadable(path, "3MF", problem) from problem
+    if not parts:
+        raise InputError(str(path), "holds no faces", "Use a 3MF file with meshes on its plate")
+    mesh = joined_meshes(parts)
+    refuse_unusable(path, mesh.vertices)
+    return replace(mesh, remarks=tuple(reader.remarks))
+
+
+class _Reader:
+    """Meshes of an archive in their places."""
+
+    def __init__(self, path: Path, archive: zipfile.ZipFile, with_textures: bool) -> None:
+        self.path, self.archive, self.with_textures = path, archive, with_textures
+        self.names = {name.lower().lstrip("/"): name for name in archive.namelist()}
+        self.models: dict[str, _Model] = {}
+        self.textures: dict[str, np.ndarray] = {}
+        self.remarks: dict[str, None] = {}
+        self.triangles = 0
+
+    def parts(self) -> Iterator[TexturedMesh]:
+        """Yield meshes of one texture each."""
+        first = self.first_model()
+        model = self.model(first)
+        for place, object_id, transform in model.items:
+            yield from self.placed(place or first, object_id, transform, model.unit_m, 0)
+
+    def first_model(self) -> str:
+        """Name of the part that the archive begins with."""
+        if "_rels/.rels" in self.names:
+            for relation in xml_tree(self.read("_rels/.rels")):
+                if relation.get("Type") == _MODEL_RELATION:
+                    return relation.get("Target", _USUAL_MODEL)
+        return _USUAL_MODEL
+
+    def read(self, name: str) -> bytes:
+        """Bytes of a part; KeyError where there is none."""
+        return self.archive.read(self.names[posixpath.normpath(name).lower().lstrip("/")])
+
+    def model(self, name: str) -> _Model:
+        """Return a part, read once."""
+        if name not in self.models:
+            self.models[name] = _model(xml_tree(self.read(name)))
+        return self.models[name]
+
+    def placed(
+        self, name: str, object_id: str, transform: np.ndarray, unit_m: float, depth: int
+    ) -> Iterator[TexturedMesh]:
+        """Yield an object, and those that it is made of, transformed by (4, 3) and scaled to metres."""
+        model = self.model(name)
+        body = model.bodies[object_id]
+        if depth > _DEEPEST:
+            raise ValueError("objects are made of one another")
+        for place, other, local in body.components:
+            around = local @ transform[:3]
+            around[3] += transform[3]
+            yield from self.placed(place or name, other, around, unit_m, depth + 1)
+        self.triangles += len(body.faces)
+        if self.triangles > MOST_TRIANGLES:
+            raise ValueError(f"it has more than {MOST_TRIANGLES} triangles in all")
+        if not len(body.faces):
+            return
+        if not 0 <= body.faces.min() <= body.faces.max() < len(body.vertices):
+            raise ValueError("a triangle names a vertex that is not there")
+        # Written out so that equal positions stay bitwise equal, which a BLAS product does not promise.
+        columns = [body.vertices[:, [axis]] * transform[axis] for axis in range(3)]
+        vertices = (columns[0] + columns[1] + columns[2] + transform[3]) * unit_m
+        turned = np.linalg.det(transform[:3]) < 0
+        by_id: dict[str, list[int]] = {}
+        for face, property_id in enumerate(
+            body.property_ids if self.with_textures else [""] * len(body.faces)
+        ):
+            by_id.setdefault(property_id, []).append(face)
+        for property_id, rows in by_id.items():
+            faces = body.faces[rows]
+            texture, coordinates = self.looks(model, property_id, body.property_indices[rows])
+            if turned:
+                faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
+            yield TexturedMesh(
+                vertices,
+                faces,
+                coordinates,
+                (texture,),
+                np.zeros(len(faces), dtype=np.int32),
+                np.zeros((len(faces), 3, 3)),
+            )
+
+    def looks(self, model: _Model, property_id: str, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Texture, and its coordinates (F, 3, 2), of faces with these indices (F, 3) of one property."""
+        if property_id in model.pictures:
+            name, coordinates = model.pictures[property_id]
+            if name not in self.textures:
+                self.textures[name] = opaque(decode_texture(self.read(name), f"{self.path}, {name}"))
+            return self.textures[name], coordinates[indices]
+        if property_id in model.colours:
+            texture, coordinates = corner_colour_atlas(model.colours[property_id][indices])
+            return opaque(texture), coordinates
+        if property_id:
+            self.remarks["it has composite or mixed properties, which are not read and are drawn grey"] = None
+        return uniform_texture(DEFAULT_COLOUR), np.full((len(indices), 3, 2), np.nan)
+
+
+def _model(root: Element) -> _Model:
+    model = _Model(_UNITS_M[root.get("unit", "millimeter")])
+    pictures = {one.get("id", ""): one.get("path", "") for one in root.iter("texture2d")}
+    for tag, item, key in (("basematerials", "base", "displaycolor"), ("colorgroup", "color", "color")):
+        for group in root.iter(tag):
+            model.colours[group.get("id", "")] = np.array(
+                [_colour(one.get(key, "")) for one in group.iter(item)]
+            )
+    for group in root.iter("texture2dgroup"):
+        pairs = [[float(one.attrib["u"]), float(one.attrib["v"])] for one in group.iter("tex2coord")]
+        model.pictures[group.get("id", "")] = (pictures[group.attrib["texid"]], np.array(pairs))
+    for one in root.iter("object"):
+        model.bodies[one.attrib["id"]] = _body(one)
+    model.items.extend(_place(item) for build in root.iter("build") for item in build.iter("item"))
+    return model
+
+
+def _body(said: Element) -> _Body:
+    of_all, first = said.get("pid", ""), said.get("pindex", "0")
+    vertices = [[float(one.attrib[axis]) for axis in "xyz"] for one in said.iter("vertex")]
+    triangles = [one.attrib for one in said.iter("triangle")]
+    faces = [[int(one[corner]) for corner in ("v1", "v2", "v3")] for one in triangles]
+    indices = []
+    for one in triangles:
+        start = one.get("p1", first)
+        indices.append([int(start), int(one.get("p2", start)), int(one.get("p3", start))])
+    return _Body(
+        np.array(vertices).reshape(-1, 3),
+        np.array(faces, dtype=np.int64).reshape(-1, 3),
+        [one.get("pid", of_all) for one in triangles],
+        np.array(indices, dtype=np.int64).reshape(-1, 3),
+        [_place(one) for one in said.iter("component")],
+    )
+
+
+def _place(said: Element) -> tuple[str, str, np.ndarray]:
+    """Part of the archive, or nothing for the same, id of an object, and its transform (4, 3)."""
+    numbers = np.array(said.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
+    return said.get("path", ""), said.attrib["objectid"], numbers.reshape(4, 3)
+
+
+def _colour(text: str) -> list[float]:
+    """RGBA in 0..1 of #RRGGBB or #RRGGBBAA."""
+    return [int(text[start : start + 2], 16) / 255 for start in (1, 3, 5)] + [1.0]
