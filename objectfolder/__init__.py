@@ -125,6 +125,7 @@ def build(
     shell_m: float | None = None,
     mass_kg: float | None = None,
     up: str | None = None,
+    decimate: int | None = None,
     silent: bool = False,
     overwrite: bool = False,
     any_size: bool = False,
@@ -154,18 +155,20 @@ def build(
         The mass where it is known, as a check and for simulators.
     up
         Axis of the mesh that is up, ``"x"``, ``"y"`` or ``"z"``; y for glTF and z for all others if None.
+    decimate
+        At most this many faces: edges of a mesh that has more are collapsed, and the distance is warned of.
     silent
         Leave sound out.
     overwrite
         Replace a file that is there already.
     any_size
-        Build also an object of 1 m or more by its file without `length_m`, or above 100 kg: mostly a mistake
-        of unit.
+        Build also an object of a doubtful size, such as 1 m or more by its file without `length_m`, or above
+        100 kg: mostly a mistake of unit.
 
     Returns
     -------
     ObjectFile
-        As saved at `output`. What is doubtful about the object's walls and mass is warned of.
+        As saved at `output`. What is doubtful about the object is warned of.
 
     Raises
     ------
@@ -197,6 +200,7 @@ def build(
         shell_m=shell_m,
         mass_kg=mass_kg,
         up=up,
+        decimate=decimate,
         silent=silent,
         overwrite=overwrite,
         any_size=any_size,

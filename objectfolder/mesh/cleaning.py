@@ -86,7 +86,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     """
     if not np.isfinite(mesh.vertices).all():
         raise InputError(where, "has vertices that are not finite", "Repair the mesh")
-    positions, of_vertex = _welded(mesh.vertices)
+    positions, of_vertex = welded(mesh.vertices)
     faces = of_vertex[mesh.faces]
     solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     folded, repeated = _folded_and_repeated(faces, solid)
@@ -189,8 +189,8 @@ def usable_normals(
     return usable.astype(np.float32) if usable.any() else None
 
 
-def _welded(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct positions in order of first appearance, and the new index (V,) of each vertex."""
+def welded(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return distinct positions in order of first appearance, and the new index (V,) of each vertex."""
     _, first, inverse = np.unique(vertices + 0.0, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty(len(order), dtype=np.int64)

@@ -91,7 +91,7 @@ def ingest_object(
             raise
         raise InputError(f"{object_id} ({problem.where})", problem.finding, problem.remedy) from problem
     if finding := too_large(mesh.vertices, mesh.faces):
-        raise InputError(where, f"has {finding}", "Decimate it")
+        raise InputError(where, f"has {finding}", "Decimate it: --decimate 50000 of add and build does")
     walls = measure_walls(mesh.surface)
     attributes = _measured(mesh, report, walls, [*warnings, *debris(mesh)], length_m)
     if (axis := up or up_axis(mesh_path)) != Z_UP:

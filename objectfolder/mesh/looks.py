@@ -28,7 +28,9 @@ def looks_of(mesh: TexturedMesh) -> str:
     if plain:
         parts.append(_number(plain, "plain colour"))
     maps = {"roughness": mesh.roughness_maps, "metallic": mesh.metallic_maps, "normals": mesh.normal_maps}
-    kinds = [kind for kind, images in maps.items() if images]
+    kinds = [
+        kind for kind, images in maps.items() if any(image.shape[:2] != (1, 1) for image in images.values())
+    ]
     if kinds:
         parts.append(f"maps of {', '.join(kinds)}")
     if any(texture[..., 3].min() < 255 for texture in mesh.textures):

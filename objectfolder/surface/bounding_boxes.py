@@ -215,7 +215,8 @@ def closest_barycentric(triangles: np.ndarray, points: np.ndarray) -> np.ndarray
     with np.errstate(divide="ignore", invalid="ignore"):
         v, w = (d11 * d20 - d01 * d21) / area, (d00 * d21 - d01 * d20) / area
         inside = (area > 0) & (v >= 0) & (w >= 0) & (v + w <= 1)
-    best[inside] = np.stack([1 - v - w, v, w], axis=1)[inside]
+    v, w = v[inside], w[inside]
+    best[inside] = np.stack([1 - v - w, v, w], axis=1)
     return best
 
 

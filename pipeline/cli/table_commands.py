@@ -1,5 +1,6 @@
 """Commands for tables of objects: add, check, fetch."""
 
+import contextlib
 import json as json_text
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -59,18 +60,20 @@ def add(
     dry_run
         check only; write no row and no copy
     """
-    from pipeline.intake.add.addition import check_object, put_object
+    from pipeline.intake.add.addition import checked_object, put_object
     from pipeline.intake.add.preview import lines_about, preview_of
 
     if preview and not no_preview:
         check_new_file(preview, overwrite=overwrite)
-    with status_line(f"checking {wanted.mesh}"):
-        checked = check_object(wanted)
-    lines, figures = lines_about(checked), checked.figures()
-    if not json:
-        print("\n".join(lines))
+    with contextlib.ExitStack() as files:
+        with status_line(f"checking {wanted.mesh}"):
+            checked = files.enter_context(checked_object(wanted))
+        lines, figures = lines_about(checked), checked.figures()
+        if not json:
+            print("\n".join(lines))
+        if not dry_run:
+            added = put_object(checked, table, replace=replace)
     if not dry_run:
-        added = put_object(checked, table, replace=replace)
         count = len(checked.layout.files)
         figures |= {
             "table": str(table),

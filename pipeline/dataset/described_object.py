@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from objectfolder.errors import InputError
 from pipeline.dataset.project_files import MATERIALS
 
+FEWEST_FACES = 4
+
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
     from objectfolder.mesh.walls import WallFinding
@@ -48,6 +50,8 @@ class DescribedObject:
         mass in kilograms where it is known: a check, and the mass for simulators
     up
         axis of the file that is up: x, y or z (default: y for glTF, z for all others)
+    decimate
+        at most this many faces: Blender collapses edges of a mesh that has more
     silent
         leave sound out: it is seen and felt
     """
@@ -67,6 +71,7 @@ class DescribedObject:
     metallic: float | None = None
     mass_kg: float | None = None
     up: str | None = None
+    decimate: int | None = None
     silent: bool = False
 
     @property
@@ -87,6 +92,9 @@ class DescribedObject:
         for option, value in (("--roughness", self.roughness), ("--metallic", self.metallic)):
             if value is not None and not 0 <= value <= 1:
                 raise InputError(option, f"{value:g} is not in 0..1", "Correct it, or leave it out")
+        if self.decimate is not None and self.decimate < FEWEST_FACES:
+            finding = f"{self.decimate} faces bound no solid"
+            raise InputError("--decimate", finding, f"Give {FEWEST_FACES} at least, such as 20000")
         lengths = (self.length_m, self.wall_m, self.shell_m, self.mass_kg)
         for option, value in zip(("--length", "--wall", "--shell", "--mass"), lengths, strict=True):
             if value is not None and not (math.isfinite(value) and value > 0):

@@ -101,13 +101,11 @@ def build_object_file(
     from pipeline.run.build_cache import unfinished_build
     from pipeline.run.converge import converge
     from pipeline.run.costs import costs_path, read_costs
+    from pipeline.run.decimated_mesh import with_decimated_mesh
 
     record = _record(building, output)
     material = find_material(read_materials(building.materials), building.material, str(building.materials))
     parameters = read_parameters(building.params, building.size)
-    rows = {record.id: row_of(record, material)}
-    if confirm is not None:
-        confirm(building, material)
     stages = [
         stage for name, stage in STAGES.items() if name != COLLISION.made_by
     ]  # no part of an Object File
@@ -118,6 +116,13 @@ def build_object_file(
     )
     with folder as root:
         root.mkdir(parents=True, exist_ok=True)
+        decimated: tuple[str, ...] = ()
+        if building.decimate is not None:
+            building, decimated = with_decimated_mesh(building, material, root / "decimated")
+            record = _record(building, output)
+        if confirm is not None:
+            confirm(building, material)
+        rows = {record.id: row_of(record, material)}
         for summary in converge(stages, root, parameters, rows, partial(_runner, root)):
             for failure in summary.failures:
                 raise SimulationError(f"{record.id}, stage {summary.stage}", failure.error, failure.remedy)
@@ -130,7 +135,9 @@ def build_object_file(
             if cost.object_id == record.id and cost.stage in STAGES and cost.cpu_s is not None
         }
         warnings, findings = building.findings(product.attributes, material)
-        return Built(seconds, looks_of(textured_mesh_of(product)), (*warnings, *map(str, findings)))
+        return Built(
+            seconds, looks_of(textured_mesh_of(product)), (*decimated, *warnings, *map(str, findings))
+        )
 
 
 @contextlib.contextmanager

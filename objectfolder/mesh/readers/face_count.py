@@ -28,7 +28,7 @@ def refuse_many_faces(path: Path) -> None:
         raise InputError(
             str(path),
             f"has {count} faces, and an Object File at most {LARGEST_COUNT}",
-            f"Decimate it to {LARGEST_COUNT} faces before: Blender's modifier Decimate does",
+            "Decimate it: --decimate 50000 of add and build does",
         )
 
 

@@ -44,7 +44,12 @@ MESH_SUFFIXES = tuple(_READERS)
 
 
 def load_mesh(
-    path: Path, texture: Path | None = None, *, with_textures: bool = True, up: str | None = None
+    path: Path,
+    texture: Path | None = None,
+    *,
+    with_textures: bool = True,
+    up: str | None = None,
+    any_count: bool = False,
 ) -> TexturedMesh:
     """Read a mesh of any format of `MESH_SUFFIXES` with its textures, and maps of reflectance and normals.
 
@@ -64,6 +69,8 @@ def load_mesh(
     up
         Axis of the file that is up, ``"x"``, ``"y"`` or ``"z"``; None takes y for glTF, what a
         COLLADA file says, and z for all others.
+    any_count
+        Read also a file with more faces than an Object File can hold.
 
     Returns
     -------
@@ -93,7 +100,8 @@ def load_mesh(
         finding = f"{suffix or 'no suffix'!r} is not a known mesh format"
         raise InputError(str(path), finding, f"Use one of {known}")
     refuse_foreign(path)
-    refuse_many_faces(path)
+    if not any_count:
+        refuse_many_faces(path)
     named_texture = read_texture(Path(texture)) if texture is not None and with_textures else None
     follow_materials = with_textures and named_texture is None
     try:

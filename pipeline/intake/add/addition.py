@@ -2,9 +2,11 @@
 
 import os
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from objectfolder.audio.materials import Material, find_material, read_materials
@@ -29,6 +31,7 @@ from pipeline.intake.add.source_copy import (
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
 from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.spdx import likely_spdx, spdx
+from pipeline.run.decimated_mesh import with_decimated_mesh
 from pipeline.run.doubtful_size import clean_mesh, size_doubts
 
 UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
@@ -109,6 +112,21 @@ class Added:
 
     folder: Path
     changed: bool
+
+
+@contextmanager
+def checked_object(wanted: Wanted) -> Iterator[Checked]:
+    """Yield what `check_object` returns; the files of a decimated mesh are removed afterwards."""
+    if wanted.decimate is None:
+        yield check_object(wanted)
+        return
+    wanted.check()
+    material = find_material(read_materials(wanted.materials), wanted.material, "--material")
+    wanted = replace(wanted, object_id=wanted.object_id or object_id_of(wanted.mesh))
+    with TemporaryDirectory(prefix="objectfolder-decimated-") as folder:
+        less, said = with_decimated_mesh(wanted, material, Path(folder))
+        checked = check_object(less)
+        yield replace(checked, warnings=(*said, *checked.warnings))
 
 
 def check_object(wanted: Wanted) -> Checked:

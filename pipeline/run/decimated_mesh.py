@@ -1,0 +1,55 @@
+"""A decimated mesh in place of one that has too many faces, as a file that holds all that it looks like."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from pipeline.dataset.described_object import DescribedObject
+
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
+
+Described = TypeVar("Described", bound=DescribedObject)
+
+
+def with_decimated_mesh(
+    described: Described, material: "Material", folder: Path
+) -> tuple[Described, tuple[str, ...]]:
+    """Return the object with a mesh of at most `decimate` faces, written to a folder, and what to say of it.
+
+    The file is a GLB with the pictures and maps of the source in it. An object whose mesh has no more faces
+    is returned as it is.
+
+    Raises
+    ------
+    InputError
+        A mesh that cannot be read.
+    MissingPackageError, SimulationError
+        Blender is not installed, or cannot reach so few faces.
+    """
+    from objectfolder.mesh.decimation import decimate
+    from objectfolder.mesh.readers.load import load_mesh
+    from objectfolder.vision.appearance import Appearance
+    from objectfolder.vision.export.files import Credit
+    from objectfolder.vision.export.textured_surface import write_mesh
+
+    faces = described.decimate or 0
+    mesh = load_mesh(described.mesh, described.texture, up=described.up, any_count=True)
+    result = decimate(mesh, faces)
+    if result.mesh is mesh:
+        said = f"its {len(mesh.faces)} faces are no more than {faces}: it is not decimated"
+        return replace(described, decimate=None), (said,)
+    appearance = Appearance(
+        material.roughness if described.roughness is None else described.roughness,
+        material.metallic if described.metallic is None else described.metallic,
+    )
+    path = folder / f"{described.mesh.stem}.glb"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_mesh(path, result.mesh, appearance, Credit(described.object_id or described.mesh.stem))
+    length_m = described.length_m or float(mesh.extents.max())
+    said = (
+        f"decimated from {result.faces_before} to {len(result.mesh.faces)} faces: the surfaces lie within "
+        f"{1e3 * result.distance_share * length_m:.2g} mm of one another, {result.distance_share:.1e} of the "
+        "length"
+    )
+    return replace(described, mesh=path, texture=None, up=None, decimate=None), (said, *mesh.remarks)
