@@ -443,12 +443,12 @@ def test_two_at_once_do_not_mix(bare, made, tmp_path):
 
     def slowly(_count):
         entered.set()
-        assert leave.wait(60)
+        assert leave.wait(600)
 
     with opened(bare) as published:
         first = threading.Thread(target=published.stores.fetch, args=(md5, partial, "mug", slowly))
         first.start()
-        assert entered.wait(60)
+        assert entered.wait(600)
         [second] = get(bare, ["mug"], tmp_path)
         assert "another process is fetching it" in str(second.error)
         leave.set()

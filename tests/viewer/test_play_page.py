@@ -202,7 +202,8 @@ def test_no_image_begins_while_the_world_is_late(world, monkeypatch):
         time.sleep(10 * BLOCK_S)
         assert not seen.done()
         monkeypatch.setattr(world, "_advance", lambda: None)
-        assert seen.result(20.0)[0]["resolution"] == 16
+        wait_until(seen.done)
+        assert seen.result()[0]["resolution"] == 16
 
 
 def test_every_block_is_heard_once_in_order(world):
