@@ -25,7 +25,7 @@ from urllib.parse import unquote, urlsplit
 
 from tests.pipeline.http_faults import reset, serving
 
-STATUSES = ("403", "404", "429", "500", "503")  # 429 says when to come back
+STATUSES = ("403", "404", "416", "429", "500", "503")  # 429 says when to come back
 FAULTS = (
     *STATUSES,
     "reset",  # no answer
@@ -38,6 +38,7 @@ FAULTS = (
     "changed",  # the answer is of another version of the file, and says so
     "no ranges",  # all of the file, whatever was asked for
     "other range",  # a part, but not the one asked for
+    "empty part",  # a part as asked for, of which nothing comes
     "chunked",  # no length is told
     "moved",  # redirected to where the file is
     "loop",  # redirected without end
@@ -213,7 +214,7 @@ class _Handler(BaseHTTPRequestHandler):
             start, stop = start - 1, stop - 1
         if status == 206:
             headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(content)}"
-        body = content[start:stop]
+        body = content[start:stop] if kind != "empty part" or status == 200 else b""
         if kind == "wrong" and body:
             place = self.files.cut(len(body))
             body = body[:place] + bytes([body[place] ^ 1]) + body[place + 1 :]

@@ -97,6 +97,19 @@ def test_a_file_that_changes_in_between_is_the_new_one(file_server, address, cac
     assert ranges(file_server)[-1 if heeds else -2] == "bytes=70000-"
 
 
+def test_a_part_that_ends_too_early_does_not_pass_for_the_rest(file_server, address, cache_folder):
+    """Without a hash, the length that the server states is all that is known of the file."""
+    file_server.plan = scripted("short", "empty part", "empty part")
+    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
+
+
+def test_no_part_of_a_file_that_was_asked_for_whole_is_an_error_at_once(file_server, address, cache_folder):
+    file_server.plan = scripted("416")
+    with pytest.raises(InputError, match=r"its server has no part of it \(416\)"):
+        Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
+    assert len(file_server.requests) == 1
+
+
 def test_a_part_that_was_not_asked_for_is_not_used(file_server, address, cache_folder):
     file_server.plan = scripted("short", "other range", "short", "no ranges")
     assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT

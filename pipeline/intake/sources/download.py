@@ -5,6 +5,7 @@ import hashlib
 import os
 import re
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,7 @@ from pipeline.intake.sources.http_client import (
 CONNECT_S = 10.0
 LIMIT_BYTES = 2 << 30
 LIMIT_JSON_BYTES = 32 << 20
+LONGEST_S = 6 * 3600.0  # of one file, pauses included
 REMEDY = (
     "Nothing of it is kept. The source has changed or a proxy stands between: compare with a mirror, and "
     "record what is new only if it is right."
@@ -196,9 +198,10 @@ class Downloader:
         """Append what is missing, also where the body breaks off; return whether some was there before."""
         # Attempts that add `LEAST_BYTES` to the furthest are not counted.
         retry, furthest = self._retry, cached.resumable()[0]
+        end = time.monotonic() + LONGEST_S
         while True:
             try:
-                return self._append(cached, expected)
+                return self._append(cached, expected, end)
             except InterruptedBodyError as problem:
                 if (position := cached.resumable()[0]) >= furthest + LEAST_BYTES:
                     retry, furthest = self._retry, position
@@ -209,15 +212,20 @@ class Downloader:
                     raise UnreachableError(expected.url, finding, RETRY_REMEDY) from problem
                 retry.sleep()
 
-    def _append(self, cached: CachedFile, expected: Expected) -> bool:
+    def _append(self, cached: CachedFile, expected: Expected, end: float) -> bool:
         """Ask once for what is missing; return whether some was there before."""
         count, etag = cached.resumable()
         headers = {"Range": f"bytes={count}-", "If-Range": etag} if count else {}
         with self._get(expected.url, headers) as response:
             part = response.headers.get("Content-Range", "")
-            if response.status_code == 416 and part == f"bytes */{count}":
-                return True  # all of it was there
-            resumed = response.status_code == 206 and part.startswith(f"bytes {count}-") and count > 0
+            if response.status_code == 416:
+                if part == f"bytes */{count}":
+                    return True  # all of it was there
+                if not count:
+                    remedy = "Use a mirror: that is no answer to a request for all of a file."
+                    raise InputError(expected.url, "its server has no part of it (416)", remedy)
+            whole = re.fullmatch(rf"bytes {count}-(\d+)/(\d+)", part)
+            resumed = response.status_code == 206 and whole is not None and count > 0
             if not resumed or response.headers.get("ETag", etag) != etag:
                 count, resumed = 0, False
                 cached.begin(response.headers.get("ETag", ""))
@@ -236,6 +244,11 @@ class Downloader:
                     file.write(block)
                     file.flush()
                     self._progress(expected.url, count, total)
+                    if time.monotonic() > end:
+                        finding = f"not there after {LONGEST_S / 3600:g} hours"
+                        raise UnreachableError(expected.url, finding, RETRY_REMEDY)
+            if resumed and whole is not None and count != int(whole[2]):
+                raise InterruptedBodyError(f"its server ends after {count} of {whole[2]} bytes")
         return resumed
 
     @contextlib.contextmanager

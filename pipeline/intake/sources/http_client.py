@@ -1,15 +1,21 @@
 """Requests over HTTP: urllib3 retries them; if that fails, an error names the remedy."""
 
+import contextlib
+import ipaddress
 import itertools
 import logging
 import re
+import socket
+import threading
 import time
 from collections.abc import Iterator
-from urllib.parse import urlsplit
+from typing import Any
+from urllib.parse import urljoin, urlsplit
 
 import requests
 from requests.adapters import HTTPAdapter
-from urllib3 import BaseHTTPResponse
+from urllib3 import BaseHTTPResponse, HTTPConnectionPool, HTTPSConnectionPool
+from urllib3.connection import HTTPConnection, HTTPSConnection
 from urllib3.exceptions import HTTPError, ProtocolError
 from urllib3.util import Retry
 
@@ -28,6 +34,8 @@ MOST_REDIRECTS = 8
 BLOCK = 256 << 10  # bytes
 LEAST_BYTES = 64 << 10
 """Bytes that must arrive within the timeout; a slower connection is given up."""
+HEADERS_S = 60.0
+"""Within which the headers of an answer must be there; the timeout is of each piece of them alone."""
 RETRY_REMEDY = "Try again later, or check the network, proxy or mirror: what was downloaded is kept."
 
 FINDINGS = {
@@ -56,6 +64,93 @@ class InterruptedBodyError(ProtocolError):
     """A body that ended or stalled before it was whole."""
 
 
+class InwardRedirectError(requests.RequestException):
+    """A redirection from another machine to this one or to what only its own link reaches."""
+
+
+class _HeadersWithin:
+    """A connection on which the headers of an answer come within `HEADERS_S`."""
+
+    sock: socket.socket | None
+
+    def getresponse(self, *arguments: Any, **options: Any) -> Any:
+        """Return the answer; raise TimeoutError for one whose headers trickle."""
+        late = threading.Event()
+
+        def end() -> None:
+            late.set()
+            with contextlib.suppress(OSError):
+                if self.sock is not None:
+                    self.sock.shutdown(socket.SHUT_RDWR)
+
+        timer = threading.Timer(HEADERS_S, end)
+        timer.daemon = True
+        timer.start()
+        try:
+            answer = super().getresponse(*arguments, **options)  # type: ignore[misc]
+        except (HTTPError, OSError, ValueError) as error:
+            if late.is_set():
+                raise TimeoutError("timed out") from error
+            raise
+        finally:
+            timer.cancel()
+        if late.is_set():  # cut short, the headers pass for whole
+            raise TimeoutError("timed out")
+        return answer
+
+
+class _PlainConnection(_HeadersWithin, HTTPConnection):
+    pass
+
+
+class _EncryptedConnection(_HeadersWithin, HTTPSConnection):
+    pass
+
+
+class _PlainPool(HTTPConnectionPool):
+    ConnectionCls = _PlainConnection
+
+
+class _EncryptedPool(HTTPSConnectionPool):
+    ConnectionCls = _EncryptedConnection
+
+
+class _Adapter(HTTPAdapter):
+    def init_poolmanager(self, *arguments: Any, **options: Any) -> None:
+        """Let its connections have a deadline for headers."""
+        super().init_poolmanager(*arguments, **options)
+        self.poolmanager.pool_classes_by_scheme = {"http": _PlainPool, "https": _EncryptedPool}
+
+    def proxy_manager_for(self, proxy: str, **options: Any) -> Any:
+        """Let connections to a proxy have it, too."""
+        manager = super().proxy_manager_for(proxy, **options)
+        manager.pool_classes_by_scheme = {"http": _PlainPool, "https": _EncryptedPool}
+        return manager
+
+
+class _Session(requests.Session):
+    def get_redirect_target(self, resp: requests.Response) -> str | None:
+        """Return where an answer sends; raise `InwardRedirectError` where that leads inwards."""
+        target: str | None = super().get_redirect_target(resp)
+        if target and is_inward(urljoin(resp.url, target)) and not is_inward(resp.url):
+            raise InwardRedirectError(urljoin(resp.url, target))
+        return target
+
+
+def is_inward(url: str) -> bool:
+    """Return whether an address is of this machine, or of its own link: others cannot ask there, it can."""
+    try:
+        found = socket.getaddrinfo(urlsplit(url).hostname, None)
+    except (OSError, ValueError):  # it has no such name, or a proxy knows it
+        return False
+    for *_, place in found:
+        host = ipaddress.ip_address(str(place[0]).partition("%")[0])
+        host = getattr(host, "ipv4_mapped", None) or host
+        if host.is_loopback or host.is_link_local or host.is_unspecified:
+            return True
+    return False
+
+
 class PoliteRetry(Retry):
     """urllib3's retries; they end where a server asks for a wait of more than `LONGEST_WAIT_S`."""
 
@@ -77,12 +172,12 @@ def retrying_session(retries: int, backoff_s: float) -> tuple[requests.Session, 
         status_forcelist=RETRIED_STATUSES,
         raise_on_status=False,
     )
-    session = requests.Session()
+    session = _Session()
     # Hashes and ranges are of the stored bytes.
     session.headers.update({"User-Agent": USER_AGENT, "Accept-Encoding": "identity"})
     session.max_redirects = MOST_REDIRECTS
     for scheme in ("http://", "https://"):
-        session.mount(scheme, HTTPAdapter(max_retries=retry))
+        session.mount(scheme, _Adapter(max_retries=retry))
     return session, retry
 
 
@@ -119,6 +214,9 @@ def failure(url: str, error: Exception) -> InputError:
     if isinstance(error, requests.TooManyRedirects):
         finding = f"redirected more than {MOST_REDIRECTS} times"
         return InputError(url, finding, "The source is broken or has moved; try a mirror.")
+    if isinstance(error, InwardRedirectError):
+        finding = f"redirected to {urlsplit(said).hostname}, which is this machine or reached by it alone"
+        return InputError(url, finding, "No public source does that. Use a mirror.")
     if isinstance(error, ValueError):  # what requests raises for addresses that it cannot ask
         return InputError(
             url,
