@@ -19,6 +19,8 @@ from bench.factory.engines import (
     slide_in_mujoco,
 )
 from objectfolder.errors import InputError, UnsolvableError
+from objectfolder.mesh.ingest import ingest_object
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.simulators import collision
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts, measure_parts
@@ -249,6 +251,28 @@ def test_a_spinning_box_keeps_its_angular_momentum(folder: Path) -> None:
 def test_a_measured_mass_scales_the_inertia(block: Asset) -> None:
     heavier = block.body.of_mass(2 * MASS)
     np.testing.assert_allclose(heavier.inertia_kg_m2, 2 * INERTIA)
+
+
+def test_the_apex_of_a_cone_from_a_gltf_points_up_in_mujoco(tmp_path: Path) -> None:
+    """Its y is up by the standard, and z is for a simulator: of what is seen and of what collides."""
+    radius, height = 0.03, 0.12
+    cone = trimesh.creation.cone(radius, height, sections=16)
+    cone.vertices = cone.vertices[:, [0, 2, 1]] * [1, 1, -1]
+    cone.export(tmp_path / "cone.glb")
+    surface = textured_mesh_of(ingest_object(tmp_path / "cone.glb")).surface
+    body = RigidBody(MASS, np.array([0, 0, height / 4]), INERTIA)
+    write_asset(tmp_path, asset_of(surface, body, "cone"), ("mjcf",))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "object.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    meshes = [geom for geom in range(model.ngeom) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH]
+    assert len(meshes) == 2
+    for geom in meshes:
+        first, count = (int(of[model.geom_dataid[geom]]) for of in (model.mesh_vertadr, model.mesh_vertnum))
+        turn = data.geom_xmat[geom].reshape(3, 3)
+        points = data.geom_xpos[geom] + model.mesh_vert[first : first + count] @ turn.T
+        np.testing.assert_allclose(points[np.argmax(points[:, 2])], [0, 0, height], atol=1e-6)
+        assert np.linalg.norm(points[points[:, 2] < 1e-6, :2], axis=1).max() == pytest.approx(radius)
 
 
 @given(st.floats(0.01, 10), st.integers(0, 2**31))
