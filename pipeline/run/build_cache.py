@@ -14,6 +14,7 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+from objectfolder.errors import InputError
 from pipeline.run.exclusive import exclusive, owner
 from pipeline.store.storage import excess
 
@@ -28,12 +29,18 @@ def unfinished_build(mesh: Path, output: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        Another process makes this file from this mesh, and ``OBJECTFOLDER_WAIT`` seconds went by.
+        The cache folder cannot be written; or another process makes this file from this mesh, and
+        ``OBJECTFOLDER_WAIT`` seconds went by.
     """
     builds = user_cache_path("objectfolder") / "builds"
     digest = hashlib.sha256(f"{mesh.resolve()}\n{output.resolve()}".encode()).hexdigest()
     folder = builds / digest[:16]
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        remedy = "Set XDG_CACHE_HOME to a folder that can be, or give --keep FOLDER"
+        finding = f"unfinished builds cannot be kept there ({error.strerror})"
+        raise InputError(str(builds), finding, remedy) from error
     _prune(builds, folder)
     truth = folder / "truth"  # the lock stays beside it
     with exclusive(folder, f"the build of {output}"):

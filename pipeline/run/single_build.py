@@ -1,6 +1,7 @@
 """One Object File from one mesh, by the pipeline's own stages, without DVC."""
 
 import contextlib
+import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -178,6 +179,9 @@ def _record(building: Building, output: Path) -> "ObjectRecord":
 
     if output.suffix != ".safetensors":
         raise InputError(str(output), "does not end in .safetensors", "Name the Object File so.")
+    folder = next(parent for parent in output.absolute().parents if parent.exists())
+    if not folder.is_dir() or not os.access(folder, os.W_OK):  # said now, and not after minutes
+        raise InputError(str(output), f"cannot be written in {folder}", "Name another folder.")
     building.check()
     object_id = building.object_id or re.sub(r"[^A-Za-z0-9_.-]", "_", output.stem).lstrip(".") or "object"
     return ObjectRecord(

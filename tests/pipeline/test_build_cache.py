@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from objectfolder.errors import InputError
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.task import Call, Failure, Outcome, Request
 from pipeline.run import build_cache
 from pipeline.run.build_cache import unfinished_build
-from pipeline.run.single_build import UntilFailure
+from pipeline.run.single_build import Building, UntilFailure, build_object_file
 
 
 @pytest.fixture(autouse=True)
@@ -25,6 +26,20 @@ def interrupt(output: str, content: bytes = b"views") -> Path:
         (folder / "views").write_bytes(content)
         raise KeyboardInterrupt
     return folder
+
+
+def test_a_cache_folder_that_cannot_be_written_is_named_with_the_remedy(cache: Path) -> None:
+    cache.parents[1].touch()
+    with pytest.raises(InputError, match=r"builds: .*Set XDG_CACHE_HOME .* or give --keep"):
+        interrupt("mug.safetensors")
+
+
+def test_a_place_that_cannot_be_written_is_said_before_anything_is_made(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "box.stl").touch()
+    building = Building(mesh=tmp_path / "box.stl", material="steel")
+    with pytest.raises(InputError, match=r"cannot be written in .*file\. Name another folder"):
+        build_object_file(building, tmp_path / "file" / "new" / "box.safetensors")
 
 
 def test_the_same_command_resumes_and_a_build_that_succeeds_leaves_nothing() -> None:
