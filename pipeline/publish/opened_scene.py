@@ -1,5 +1,8 @@
 """A scene of MuJoCo with the Object Files beside it."""
 
+import contextlib
+import resource
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +18,14 @@ from objectfolder.live.sight import LiveSight
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 from objectfolder.vision.lamps import Lamps
+from pipeline.dataset.records import SAFE_ID
+from pipeline.publish.scene_bounds import check_scene
 
 VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
 # Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
 LAMP, ENVIRONMENT = "lamp", "environment"
+SHORTEST_STEP_S, LONGEST_STEP_S = 1e-5, 0.1
+MOST_MEMORY_BYTES = 2 << 30  # that MuJoCo may take for a scene
 
 
 @dataclass(frozen=True)
@@ -44,18 +51,26 @@ class OpenedScene:
         Raises
         ------
         InputError
-            No scene of MuJoCo, no object in it, an object without its file.
+            No scene of MuJoCo, or one that asks for too much (`pipeline.publish.scene_bounds`); no object in
+            it, an object without its file.
         MissingPackageError
             MuJoCo is not installed.
         """
         with needs_extra("video"):
             import mujoco
+        check_scene(scene)
         try:
-            spec = mujoco.MjSpec.from_file(str(scene))
-            model = spec.compile()
-        except ValueError as error:
+            with _memory_bounded():
+                spec = mujoco.MjSpec.from_file(str(scene))
+                model = spec.compile()
+        except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
             finding = f"no scene of MuJoCo: {' '.join(str(error).split())}"
             raise InputError(str(scene), finding, "Make one: objectfolder scene.") from error
+        options = [model.opt.timestep, *model.opt.gravity, *model.opt.wind, model.opt.density]
+        if not (np.isfinite(options).all() and SHORTEST_STEP_S <= model.opt.timestep <= LONGEST_STEP_S):
+            finding = f"its time steps ({model.opt.timestep:g} s) or its forces are not of this world"
+            remedy = f"Give <option> a timestep of {SHORTEST_STEP_S:g} to {LONGEST_STEP_S:g} s."
+            raise InputError(str(scene), finding, remedy)
         return cls(spec, model, _files(scene, model))
 
     def points(self, simulation: Posed) -> np.ndarray:
@@ -90,6 +105,21 @@ class OpenedScene:
         return 2 * float(table.size[0]), float(table.pos[2] + table.size[2])
 
 
+@contextlib.contextmanager
+def _memory_bounded() -> Iterator[None]:
+    """Let this process take `MOST_MEMORY_BYTES` more while the context lasts."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    limit = pages * resource.getpagesize() + MOST_MEMORY_BYTES
+    if before[1] != resource.RLIM_INFINITY:
+        limit = min(limit, before[1])
+    resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
 def surrounded(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the centre (3,) and the radius of a ball round points (n, 3)."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -110,7 +140,7 @@ def _files(scene: Path, model: Any) -> dict[str, ObjectFile]:
         body = model.body(number).name
         name = body.partition("_")[2]
         path = scene.parent / name / f"{name}.safetensors"
-        if not path.is_file():
+        if not SAFE_ID.fullmatch(name) or not path.is_file():
             remedy = f"Put its Object File there: {path}."
             raise InputError(str(scene), f"body {body!r} has no Object File beside the scene", remedy)
         files[body] = load(path)
