@@ -74,7 +74,8 @@ def encode_object(
     maps = None
     if mesh is not None:
         appearance = Appearance(**views.attributes["appearance"])
-        maps = sample_maps(stored_mesh(mesh, stored), frame, appearance)
+        material = visionnet.get("material", "learned")
+        maps = sample_maps(stored_mesh(mesh, stored), frame, appearance, material)
     return ObjectFile.of_encoders(
         tensors,
         frame,

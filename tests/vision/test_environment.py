@@ -13,8 +13,9 @@ from vision_shapes import cube
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
+from objectfolder.vision.compiled.lobes import Cast, lobe_directions
 from objectfolder.vision.compiled.renderer import CompiledRenderer
-from objectfolder.vision.compiled.surroundings import Cast, Surroundings, lobe_directions, looked_up
+from objectfolder.vision.compiled.surroundings import Surroundings, looked_up
 from objectfolder.vision.environment import Environment, pixel_directions
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
@@ -84,7 +85,7 @@ def test_directions_of_a_lobe_have_the_density_they_say() -> None:
     camera = np.array([0.5, 0.1, 0.7])
     camera = np.tile(camera / np.linalg.norm(camera), (count, 1))
     direction, density = lobe_directions(
-        normal, normal, camera, alpha2, random.random(count), random.random(count), 0.01
+        normal, normal, camera, np.full(count, alpha2), random.random(count), random.random(count), 0.01
     )
     sent = density > 0
     assert sent.mean() > 0.8

@@ -14,7 +14,9 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
+from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface
+from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
@@ -29,9 +31,19 @@ ALBEDO = 0.5
 class Even(Material):
     """One albedo all over."""
 
+    albedo = ALBEDO
+
+    def states(self, name: str) -> bool:
+        return True
+
     def value(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        value = super().value(name, face, barycentric) if name != "albedo" else 0.0
-        return value if name != "albedo" else np.full((len(face), 3), ALBEDO)
+        if name == "albedo":
+            return np.full((len(face), 3), self.albedo)
+        return super().value(name, face, barycentric)
+
+
+class White(Even):
+    albedo = 1.0
 
 
 def known(appearance: Appearance = MATT) -> VisionNet:
@@ -41,17 +53,34 @@ def known(appearance: Appearance = MATT) -> VisionNet:
     )
 
 
-def test_light_in_a_hollow_ball_comes_back_as_the_geometric_series_says():
+def hollow_ball() -> tuple[Surface, UnitSurface, LitSurface]:
     ball = sphere(0.5, (255, 255, 255), 3)
     surface = Surface(ball.vertices, ball.faces[:, ::-1], normals=-ball.surface.corner_normals[:, ::-1])
     unit = UnitSurface(surface, UnitFrame.of_points(ball.vertices))
-    lit = LitSurface(unit)
+    return surface, unit, LitSurface(unit)
+
+
+def test_light_in_a_hollow_ball_comes_back_as_the_geometric_series_says():
+    surface, unit, lit = hollow_ball()
     radiosity = Radiosity(lit, unit, Even(None, MATT))
     samples = surface.sample(200, seed=1)
-    found = radiosity.from_lamp(np.zeros(3), samples.face, samples.barycentric)
+    lamp = np.zeros((1, 3)), np.ones((1, 3))
+    found = radiosity.irradiance(lamp, samples.face, samples.barycentric)
     series = sum(ALBEDO**bounce for bounce in range(1, BOUNCES + 1)) / 0.5**2
     np.testing.assert_allclose(found.mean(), series, rtol=0.03)
     assert found.std() < 0.1 * series
+
+
+def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():
+    surface, unit, lit = hollow_ball()
+    light = KnownLight(lit, unit, White(None, Appearance(0.4, 1.0)))
+    samples = surface.sample(300, seed=1)
+    seen = lit.points(samples.face, samples.barycentric, -samples.normals)
+    at = np.arange(300)
+    shown = light.shown(seen, light.features(seen), Cast(at, at, 0 * at, 0 * at + 1), 0 * at + 16)
+    sent = shown.sent(np.ones((len(shown.row), 3)))
+    np.testing.assert_allclose(sent, shown.everything, atol=1e-6)
+    np.testing.assert_allclose(sent.mean(axis=0), 1.0, atol=0.02)
 
 
 def test_a_convex_body_sends_itself_nothing_and_lambert_lights_it():

@@ -69,7 +69,7 @@ def test_albedo_is_as_fine_as_its_bytes_allow(monkeypatch: pytest.MonkeyPatch) -
     _, _, finest = stored_cube()
     assert set(finest.levels) == {"albedo"}, "the source has no other map"
     budget = len(finest.tensors()["albedo"]) - 1
-    monkeypatch.setattr(map_sampling, "ALBEDO_BYTES", budget)
+    monkeypatch.setattr(map_sampling, "ALBEDO_BYTES", {"learned": budget})
     _, _, maps = stored(mesh)
     assert 0.5 * budget < len(maps.tensors()["albedo"]) <= budget
 

@@ -1,15 +1,61 @@
 """What light a surface of known material sends to the camera: `CompiledNetwork`, with nothing learned."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.vision.compiled.lighting import LitSurface, Points
+from objectfolder.vision.compiled.lobes import Cast, lobe_directions, scattered, stepped
 from objectfolder.vision.compiled.network import Known, reflected_once
 from objectfolder.vision.compiled.principled import LEAST_ROUGHNESS, Principled
-from objectfolder.vision.compiled.radiosity import Radiosity
+from objectfolder.vision.compiled.radiosity import Lights, Radiosity
 from objectfolder.vision.environment import Environment
-from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.incidence import SELF_OFFSET, UnitSurface
 from objectfolder.vision.network.material import Material
+from objectfolder.vision.network.network_layout import LEAST_COSINE
+
+# Unit-frame lengths to a light that is taken as infinitely far.
+FAR = 1e4
+# Directions of a point's gloss in which the surface is looked for: of matt things, where there is metal, and
+# how many times more in pixels in which something ends, which are not averaged with others.
+GLOSS_SAMPLES, METAL_SAMPLES, ENDS = 2, 4, 2
+# Times that gloss shows gloss, and what parts the directions of these.
+GLOSS_BOUNCES, OFFSET = 2, 977
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What points (n,) show of the surface itself in their gloss, along directions drawn from it.
+
+    Parameters
+    ----------
+    row, turn
+        (m,) point that shows it, and number of its direction.
+    share
+        (m, 3) how much of its radiance the point sends on.
+    points, known
+        The (m,) points shown, and what is known of them.
+    everything
+        (n, 3) sum of the shares along all directions, those that meet nothing with them.
+    deeper
+        What the points shown show in turn; None: nothing.
+    """
+
+    row: np.ndarray
+    turn: np.ndarray
+    share: np.ndarray
+    points: Points
+    known: Known
+    everything: np.ndarray
+    deeper: "Shown | None"
+
+    def sent(self, radiance: np.ndarray) -> np.ndarray:
+        """Return what (n, 3) the points send of the radiance (m, 3) of those that they show."""
+        columns = (self.share * radiance).T
+        return np.stack(
+            [np.bincount(self.row, part, minlength=len(self.everything)) for part in columns], axis=1
+        )
 
 
 class KnownLight:
@@ -26,6 +72,8 @@ class KnownLight:
     ----------
     alpha2
         Squared GGX width where no map gives another.
+    samples
+        Directions of a point's gloss in which the surface is looked for.
 
     Raises
     ------
@@ -38,9 +86,11 @@ class KnownLight:
         if appearance is None or not material.states("albedo"):
             raise FormatError("vision", "light of a material that is not stated", "Build it again.")
         self.alpha2 = np.float32(max(appearance.roughness, LEAST_ROUGHNESS) ** 4)
-        self._surface, self._material = surface, material
+        self._lit, self._surface, self._material = lit, surface, material
         constant = () if material.mapped("roughness") else (appearance.roughness,)
         self._principled = Principled(appearance.specular, constant)
+        metal = material.mapped("metallic") or appearance.metallic > 0
+        self.samples = METAL_SAMPLES if metal else GLOSS_SAMPLES
         matt = material.mapped("metallic") or appearance.metallic < 1
         self._radiosity = Radiosity(lit, surface, material) if matt else None
 
@@ -56,17 +106,96 @@ class KnownLight:
         self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray
     ) -> np.ndarray:
         """Return what `CompiledNetwork.bounced_by` does."""
+        return self.bounced(points, known, (light[None], np.ones((1, 3))))
+
+    def bounced(self, points: Points, known: Known, lights: Lights) -> np.ndarray:
+        """Return what `bounced_by` does of several lights."""
         terms, albedo = known
         if self._radiosity is None:
             return np.zeros_like(albedo)
-        arriving = self._radiosity.from_lamp(light, points.face, points.barycentric)
+        arriving = self._radiosity.irradiance(lights, points.face, points.barycentric)
         return np.asarray(albedo * terms[:, 2:3] * arriving, dtype=np.float32)
 
     def bounced_round(self, points: Points, terms: np.ndarray, around: Environment) -> np.ndarray:
         """Return the bounced light (n, 3) over the albedo of points in an environment."""
         if self._radiosity is None:
             return np.zeros((len(terms), 3))
-        return terms[:, 2:3] * self._radiosity.from_environment(around, points.face, points.barycentric)
+        return terms[:, 2:3] * self._radiosity.irradiance(_far(around), points.face, points.barycentric)
+
+    def matt_round(self, points: Points, around: Environment) -> np.ndarray:
+        """Return pi times the radiance (n, 3) of points in an environment but for their gloss."""
+        terms, albedo = self.features(points)
+        if self._radiosity is None:
+            return np.zeros_like(albedo)
+        arriving = self._radiosity.irradiance(_far(around), points.face, points.barycentric, direct=True)
+        return np.asarray(albedo * terms[:, 2:3] * arriving)
+
+    def shown(
+        self, points: Points, known: Known, cast: Cast, samples: np.ndarray, times: int = GLOSS_BOUNCES
+    ) -> Shown:
+        """Return what points show of the surface in their gloss, by `samples` (n,) directions each.
+
+        `known` is what `features` returned for them; what is shown shows others in turn, all in all `times`.
+        """
+        terms, _ = known
+        facet = self._lit.facets[points.face] * points.side[:, None]
+        start, starts = points.position + SELF_OFFSET * facet, scattered(cast)
+        widths, everything = terms[:, 0].astype(np.float64), np.zeros((len(terms), 3))
+        parts = []
+        for sample in range(samples.max(initial=1)):
+            asked = np.flatnonzero(samples > sample)
+            drawn = stepped((starts[0][asked], starts[1][asked]), sample)
+            towards = -points.direction[asked]
+            direction, density = lobe_directions(
+                points.normal[asked], facet[asked], towards, widths[asked], *drawn, LEAST_COSINE
+            )
+            above = density > 0
+            sent, density, direction = asked[above], density[above], np.ascontiguousarray(direction[above])
+            _, gloss = self._principled.reflected(points, terms, sent, direction)
+            cosine = np.einsum("ij,ij->i", direction, points.normal[sent])
+            share = gloss * (cosine / (samples[sent] * np.pi * density))[:, None]
+            everything[sent] += share
+            face, barycentric = self._lit.volumes.first_hits(np.ascontiguousarray(start[sent]), direction)
+            met = np.flatnonzero(face >= 0)
+            turn = np.full(len(met), sample)
+            parts.append((sent[met], turn, share[met], face[met], barycentric[met], direction[met]))
+        row, turn, share, *place = (np.concatenate(column) for column in zip(*parts, strict=True))
+        met_points = self._lit.points(*place)
+        known_there = self.features(met_points)
+        deeper = None
+        if times > 1 and len(row):
+            order = (1 + cast.order[row]) * OFFSET + turn
+            once = np.ones(len(row), dtype=np.int64)
+            again = Cast(cast.columns[row], cast.rows[row], order, once)
+            deeper = self.shown(met_points, known_there, again, once, times - 1)
+            deeper = replace(deeper, turn=turn[deeper.row])
+        return Shown(row, turn, share, met_points, known_there, everything, deeper)
+
+    def in_gloss(
+        self, points: Points, known: Known, cast: Cast, samples: np.ndarray, lights: Lights, turns: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what (n, 3) points show of the lit surface in their gloss, and the share it would all be.
+
+        The share (n, 3) is that of radiance 1 all round. Arguments are as of `shown`, and `turns`: each of
+        so many directions asks its own lights.
+        """
+        shown = self.shown(points, known, cast, samples)
+        return shown.sent(self._radiance(shown, lights, turns)), shown.everything
+
+    def _radiance(self, shown: Shown, lights: Lights, turns: int) -> np.ndarray:
+        """Return the radiance (m, 3) of what is shown."""
+        radiance = self.bounced(shown.points, shown.known, lights).astype(np.float64)
+        terms, albedo = shown.known
+        for turn in range(turns):
+            row = np.flatnonzero(shown.turn % turns == turn)
+            points, known = shown.points.of(row), (terms[row], albedo[row])
+            for light, colour in zip(lights[0][turn::turns], lights[1][turn::turns], strict=True):
+                irradiance, hidden = self._lit.light_from(points, light)
+                irradiance[hidden] = 0.0
+                radiance[row] += turns * colour * self.directly(points, known, irradiance, light)
+        if shown.deeper is not None:
+            radiance += shown.deeper.sent(self._radiance(shown.deeper, lights, turns))
+        return radiance
 
     def reflected(
         self, points: Points, features: np.ndarray, row: np.ndarray, to_light: np.ndarray, alpha2: np.float32
@@ -77,3 +206,8 @@ class KnownLight:
     def directly(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return what `CompiledNetwork.directly` does."""
         return reflected_once(self, points, known, irradiance, light, self.alpha2)
+
+
+def _far(around: Environment) -> Lights:
+    """Return an environment as far lights."""
+    return FAR * around.directions, FAR**2 * around.powers

@@ -7,24 +7,32 @@ truth, a surface that light reaches from another is matt, and a metal black.
 import numpy as np
 from scipy.spatial import cKDTree
 
-from objectfolder.vision.compiled.lighting import LitSurface
-from objectfolder.vision.environment import Environment
+from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.network.incidence import SELF_OFFSET, UnitSurface
 from objectfolder.vision.network.material import Material
 
-SITES, BOUNCES = 2000, 3
+SITES, BOUNCES = 1500, 3
+# Points a site: light that arrives at a site is the mean of what arrives at those nearest to it.
+POINTS = 16
+# Steps of Lloyd's algorithm that spread the sites.
+STEPS = 3
+# Sites are as dense as the surface is near itself: by the mean of 1 / (distance + `NEAREST`) along rays, and
+# this share of its mean all over.
+NEAREST, EVERYWHERE, BOX = 0.05, 0.5, 16
 # Sites whose exchange is found at a time.
 ROWS = 128
 # Light is interpolated from so many sites to places this far apart, of which faces take it.
-NEIGHBOURS, PITCH = 6, 1 / 64
+NEIGHBOURS, PITCH = 4, 1 / 64
 # A turn of the normal by one radian is as far as this distance: walls have two sides. And a distance within
 # which sites count alike.
 TURN, NEAR = 0.25, 0.01
-# Unit-frame lengths to a light that is taken as infinitely far.
-FAR = 1e4
-# Lamps whose light is remembered.
+# Lights that a site is asked for at most.
+ASKED = 128
+# Sets of lights whose bounced light is remembered.
 REMEMBERED = 64
+# Places and colours (l, 3) of lights.
+Lights = tuple[np.ndarray, np.ndarray]
 
 
 class Radiosity:
@@ -40,24 +48,59 @@ class Radiosity:
 
     def __init__(self, lit: LitSurface, surface: UnitSurface, material: Material) -> None:
         self._lit = lit
-        sample = surface.surface.sample(SITES, seed=0)
+        sample = surface.surface.sample(POINTS * SITES, seed=0)
         face, barycentric = sample.face, sample.barycentric
-        facet = lit.facets[face]
-        self._sites = lit.points(face, barycentric, -facet)
+        self._points = lit.points(face, barycentric, -lit.facets[face])
         places = surface.in_stored(face, barycentric)
         matt = 1 - material.value("metallic", *places)
-        self._albedo = material.value("albedo", *places) * matt[:, None]
+        self._point_albedo = material.value("albedo", *places) * matt[:, None]
+        self._site, sites = self._spread()
+        self._count = np.maximum(np.bincount(self._site, minlength=SITES), 1)
+        self._sites = self._points.of(sites)
+        self._albedo = self._mean(self._point_albedo)
         a, b, c = np.moveaxis(surface.triangles, 1, 0)
-        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / SITES
-        self._exchange = self._exchanged(facet, float(area))
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / len(face)
+        self._exchange = self._exchanged(area * self._count)
         self._lattice = FaceLattice(surface.triangles, PITCH)
-        self._near, self._share = self._interpolation(surface)
+        self._near, self._share = self._interpolation()
         self._fields: dict[bytes, np.ndarray] = {}
 
-    def _exchanged(self, facet: np.ndarray, area: float) -> np.ndarray:
-        """Return the share (s, s) float32 of what site j sends that reaches site i."""
+    def _spread(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the site (n,) of each point, and the point (s,) at which each site is."""
+        random, places = np.random.default_rng(0), _places(self._points)
+        facet = self._lit.facets[self._points.face]
+        direction = random.normal(size=facet.shape)
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        # From the plane's point on a unit sphere that it touches: as often as the cosine says.
+        direction += 1.000001 * facet
+        start = self._points.position + SELF_OFFSET * facet
+        face, barycentric = self._lit.volumes.first_hits(start, direction)
+        met = np.flatnonzero(face >= 0)
+        end = self._lit.points(face[met], barycentric[met], direction[met]).position
+        wanted = np.zeros(len(face))
+        wanted[met] = 1 / (np.linalg.norm(end - start[met], axis=1) + NEAREST)
+        order = cKDTree(places[:, :3]).indices  # along its leaves: what follows is near
+        smooth = np.convolve(np.pad(wanted[order], BOX, mode="edge"), np.ones(2 * BOX + 1), "valid")
+        wanted[order] = smooth + EVERYWHERE * smooth.mean() + 1e-9
+        total = np.cumsum(wanted[order])
+        centre = places[order[np.searchsorted(total, (np.arange(SITES) + 0.5) / SITES * total[-1])]]
+        for _ in range(STEPS):
+            site = np.asarray(cKDTree(centre).query(places)[1])
+            weight = np.bincount(site, wanted, minlength=SITES)
+            total = [np.bincount(site, wanted * column, minlength=SITES) for column in places.T]
+            some = weight > 0
+            centre[some] = (np.stack(total, axis=1) / np.maximum(weight, 1e-12)[:, None])[some]
+        return np.asarray(cKDTree(centre).query(places)[1]), np.asarray(cKDTree(places).query(centre)[1])
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        """Return the means (s, c) at sites of values (n, c) at points."""
+        total = [np.bincount(self._site, column, minlength=SITES) for column in values.T]
+        return np.stack(total, axis=1) / self._count[:, None]
+
+    def _exchanged(self, area: np.ndarray) -> np.ndarray:
+        """Return the share (s, s) float32 of what site j, of areas (s,), sends that reaches site i."""
         position, normal = self._sites.position, self._sites.upright
-        start = position + SELF_OFFSET * facet
+        start = position + SELF_OFFSET * self._lit.facets[self._sites.face]
         exchange = np.zeros((SITES, SITES), dtype=np.float32)
         for first in range(0, SITES, ROWS):
             rows = np.arange(first, min(first + ROWS, SITES))
@@ -67,53 +110,64 @@ class Radiosity:
             from_here = np.einsum("ijk,ik->ij", way, normal[rows])
             from_there = -np.einsum("ijk,jk->ij", way, normal[columns])
             i, j = np.nonzero((from_here > 0) & (from_there > 0) & (columns > rows[:, None]))
-            square = (way[i, j] ** 2).sum(axis=1)
-            # Near sites are discs, not points.
-            share = from_here[i, j] * from_there[i, j] * area / (np.pi * square * (square + area / np.pi))
+            square, both = (way[i, j] ** 2).sum(axis=1), from_here[i, j] * from_there[i, j]
             i, j = rows[i], columns[j]
-            hidden = self._lit.volumes.occluded(start[i], start[j], np.ones(len(i), dtype=bool))
-            exchange[i, j] = exchange[j, i] = np.where(hidden, 0.0, share)
+            # Near sites are discs, not points.
+            share = both / (np.pi * square * (square + np.sqrt(area[i] * area[j]) / np.pi))
+            share[self._lit.volumes.occluded(start[i], start[j], np.ones(len(i), dtype=bool))] = 0.0
+            exchange[i, j], exchange[j, i] = share * area[j], share * area[i]
         exchange /= np.maximum(exchange.sum(axis=1, keepdims=True), 1.0)
         return exchange
 
-    def _interpolation(self, surface: UnitSurface) -> tuple[np.ndarray, np.ndarray]:
+    def _interpolation(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the sites (v, k) nearest to each value of the lattice, and their shares (v, k)."""
         face, barycentric = self._lattice.places(np.zeros((1, 2)))
         points = self._lit.points(face, barycentric, -self._lit.facets[face])
-        place = self._lattice.mean(np.concatenate([points.position, TURN * points.upright], axis=1))
-        sites = np.concatenate([self._sites.position, TURN * self._sites.upright], axis=1)
-        distance, near = map(np.asarray, cKDTree(sites).query(place, NEIGHBOURS))
+        place = self._lattice.mean(_places(points))
+        distance, near = map(np.asarray, cKDTree(_places(self._sites)).query(place, NEIGHBOURS))
         share = 1 / (distance + NEAR) ** 2
         return near, share / share.sum(axis=1, keepdims=True)
 
-    def from_lamp(self, light: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        """Return the irradiance (n, 3) that a lamp at (3,) causes at points by way of the surface itself.
+    def irradiance(
+        self, lights: Lights, face: np.ndarray, barycentric: np.ndarray, direct: bool = False
+    ) -> np.ndarray:
+        """Return the irradiance (n, 3) that lights cause at points by way of the surface itself.
 
         The unit is that of `LitSurface.light_from`.
+
+        Parameters
+        ----------
+        lights
+            Places and colours (l, 3).
+        direct
+            Whether what arrives at sites on no way round is part of the answer.
         """
-        key = light.tobytes()
+        key = b"".join((lights[0].tobytes(), lights[1].tobytes(), bytes([direct])))
         if key not in self._fields:
-            irradiance, hidden = self._lit.light_from(self._sites, light)
-            self._remember(key, np.where(hidden, 0.0, irradiance)[:, None])
+            while len(self._fields) >= REMEMBERED:
+                del self._fields[next(iter(self._fields))]
+            self._fields[key] = self._field(lights, direct)
         return self._lattice.interpolate(self._fields[key], face, barycentric)
 
-    def from_environment(self, around: Environment, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        """Return the irradiance (n, 3) that an environment causes at points by way of the surface itself."""
-        key = around.directions.tobytes() + around.powers.tobytes()
-        if key not in self._fields:
-            arriving = np.zeros((SITES, 3))
-            for direction, power in zip(around.directions, around.powers, strict=True):
-                irradiance, hidden = self._lit.light_from(self._sites, FAR * direction)
-                arriving += np.where(hidden, 0.0, irradiance * FAR**2)[:, None] * power
-            self._remember(key, arriving)
-        return self._lattice.interpolate(self._fields[key], face, barycentric)
-
-    def _remember(self, key: bytes, arriving: np.ndarray) -> None:
-        """Find what light that arrives at sites (s, 1 or 3) causes elsewhere."""
-        while len(self._fields) >= REMEMBERED:
-            del self._fields[next(iter(self._fields))]
-        bounced = np.zeros((SITES, 3))
+    def _field(self, lights: Lights, direct: bool) -> np.ndarray:
+        """Return the values (v, 3) of the lattice that `irradiance` is between."""
+        arriving = np.zeros((len(self._site), 3))
+        # Of many lights each is asked at some of the points, the next one at others.
+        turns = max(1, len(lights[0]) * POINTS // ASKED)
+        asked = [self._points.of(np.arange(turn, len(arriving), turns)) for turn in range(turns)]
+        for index, (light, colour) in enumerate(zip(*lights, strict=True)):
+            irradiance, hidden = self._lit.light_from(asked[index % turns], light)
+            irradiance[hidden] = 0.0
+            arriving[index % turns :: turns] += turns * irradiance[:, None] * colour
+        sending = self._mean(arriving * self._point_albedo)
+        total = self._mean(arriving) if direct else np.zeros((SITES, 3))
         for _ in range(BOUNCES):
-            arriving = self._exchange @ (self._albedo * arriving).astype(np.float32)
-            bounced += arriving
-        self._fields[key] = np.einsum("vk,vkc->vc", self._share, bounced[self._near])
+            reached = self._exchange @ sending.astype(np.float32)
+            total += reached
+            sending = self._albedo * reached
+        return np.einsum("vk,vkc->vc", self._share, total[self._near])
+
+
+def _places(points: Points) -> np.ndarray:
+    """Return (n, 6) places that are as near as light makes points alike."""
+    return np.concatenate([points.position, TURN * points.upright], axis=1)

@@ -9,12 +9,14 @@ from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import sub_ray_offsets
 from objectfolder.vision.compiled.borders import contrasting, mixed, smoothed, sum_by_pixel
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
-from objectfolder.vision.compiled.known_light import KnownLight
+from objectfolder.vision.compiled.known_light import ENDS, KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
+from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.network import CompiledNetwork, Known
+from objectfolder.vision.compiled.radiosity import Lights
 from objectfolder.vision.compiled.rasteriser import meet_planes
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
-from objectfolder.vision.compiled.surroundings import Cast, Gathered, Surroundings
+from objectfolder.vision.compiled.surroundings import Gathered, Surroundings
 from objectfolder.vision.compiled.visibility import MARGIN, Crop, Projection, View, look
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.environment import Environment
@@ -22,6 +24,8 @@ from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.sparse_grid import SparseGrid
 
+# Averages, where normals turn by less than so much, a quantity (p, 3) of pixels as a multiple of another.
+Smoother = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 # Radiance of one unit as it is commonly shown: contrast is judged as the eye would, without asking a scale.
 SHOWN = 0.3
 # Where in the box around a group the points that stand for it should lie: [k - 1] for k of them.
@@ -38,6 +42,10 @@ CURVED, MORE = 0.03, 4
 TURNED, SHARP = 0.7, 0.2
 # Directions of a highlight in an environment for a point of an even pixel (else 1), and of one mirrored.
 HIGHLIGHT_SAMPLES, MIRROR_SAMPLES = 2, 4
+# Times more points of known material where a smooth piece of surface ends.
+UNEVEN = 2
+# Directions of a ray's gloss in which the surface is looked for.
+RAY_SAMPLES = 8
 # What arrives from all round is averaged over pixels this far to either side. Of weight 1 / e are those whose
 # normals turn by so much (1 - cosine; the highlight's: times its squared width), or so far off the plane.
 SMOOTH_PX, SMOOTH_TURN, SMOOTH_LOBE, SMOOTH_OFF = 1, 0.05, 0.1, 0.01
@@ -206,19 +214,26 @@ class CompiledRenderer:
             Fewer than one sub-ray, a field of view outside (0, 180) degrees.
         """
         effort = Effort.of(sub_rays)
-        view = self._view(camera_to_world, size, field_of_view_deg, effort, crop)
+        known = isinstance(self._network, KnownLight)
+        view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, SMOOTH_PX if known else 0)
         colour = np.zeros((len(view.rows), 3))
-        if len(colour):
-            lights = list(_lights(light_position, light_colour))
-            if len(lights) >= MANY:
-                colour = self._lit_in_turn(view, lights, effort)
-            else:
-                labels = _labels(view)
+        lights = list(_lights(light_position, light_colour))
+        if len(colour) and lights:
+            many = len(lights) >= MANY
+            labels = _labels(view)
+            if known or not many:
                 probes = self._chosen(view, labels, np.ones(len(colour), dtype=np.int64))
                 chosen = probes
                 if effort.shaded > 1:
-                    chosen = self._chosen(view, labels, np.full(len(colour), effort.shaded))
+                    shaded = np.full(len(colour), effort.shaded)
+                    shaded[view.samples[1].pixels] *= UNEVEN if known else 1
+                    chosen = self._chosen(view, labels, shaded)
                 seen = self._seen(chosen.points)
+            if known:
+                colour += self._in_gloss(view, probes, chosen, seen.known, _joined(lights))
+            if many:
+                colour += self._lit_in_turn(view, lights, effort)
+            else:
                 curved = self._curved(chosen, len(colour))
                 for light, factor in lights:
                     colour += factor * self._lit(view, probes, chosen, seen, light, effort, curved)
@@ -263,7 +278,8 @@ class CompiledRenderer:
         labels, alpha2 = _labels(view), self._network.alpha2
         probes = self._chosen(view, labels, np.ones(len(view.rows), dtype=np.int64))
         gathered = around.gathered(probes.points, _cast(view, probes))
-        gathered, smooth = _smoothed(view, probes, gathered)
+        smooth = _smoother(view, probes)
+        gathered = _smoothed(probes, gathered, smooth)
         mirrored = around.in_mirrors(probes.points, _cast(view, probes), MIRROR_SAMPLES)
         probe = np.zeros((len(view.rows), GROUPS), dtype=np.int64)
         probe[probes.pixel, probes.group] = np.arange(len(probes.pixel))
@@ -311,8 +327,15 @@ class CompiledRenderer:
         hit = np.flatnonzero(face >= 0)
         seen = self._seen(self._surface.points(face[hit], barycentric[hit], directions[hit]))
         colour = np.zeros((len(hit), 3))
-        for light, factor in _lights(light_position, light_colour):
+        lights = list(_lights(light_position, light_colour))
+        for light, factor in lights:
             colour += factor * self._colour(seen, self._arriving(seen.points, light), light)
+        if isinstance(self._network, KnownLight) and len(hit) and lights:
+            # Each ray is answered as if it were alone.
+            first, single = np.zeros(len(hit), dtype=np.int64), np.ones(len(hit), dtype=np.int64)
+            cast = Cast(first, first, first, single)
+            asked = seen.points, seen.known, cast, RAY_SAMPLES * single, _joined(lights)
+            colour += self._network.in_gloss(*asked)[0]
         rgba[hit, :3] = colour
         rgba[hit, 3] = 1.0
         return rgba * self._scale
@@ -366,6 +389,18 @@ class CompiledRenderer:
             colour[row] += seen.share[met] * self._network.mirrored(points, known, arriving, light)
         return colour
 
+    def _in_gloss(
+        self, view: View, probes: _Chosen, chosen: _Chosen, known: Known, lights: Lights
+    ) -> np.ndarray:
+        """Return the colour (p, 3) of the surface that pixels show in their gloss, as `chosen`."""
+        network = self._network
+        assert isinstance(network, KnownLight)
+        samples = np.where(chosen.pixel < view.samples[1].start, 1, ENDS) * network.samples
+        turns = network.samples if len(lights[0]) >= MANY else 1
+        parts = network.in_gloss(chosen.points, known, _cast(view, chosen), samples, lights, turns)
+        above, below = (sum_by_pixel(chosen.pixel, chosen.weight, part, len(view.rows)) for part in parts)
+        return _smoother(view, probes)(SMOOTH_LOBE * float(network.alpha2), above, below)
+
     def _lit_in_turn(
         self, view: View, lights: list[tuple[np.ndarray, np.ndarray]], effort: Effort
     ) -> np.ndarray:
@@ -404,9 +439,14 @@ class CompiledRenderer:
             for light, factor in lights[turn::turns]:
                 irradiance = self._arriving(asked.points, light)
                 direct = self._directly(asked, irradiance, light)
-                bounced = self._network.bounced_by(once.points, once.known, irradiance[lead], light)
                 colour += factor * sum_by_pixel(pixel, weight, direct, count)
-                colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
+                if not isinstance(self._network, KnownLight):
+                    bounced = self._network.bounced_by(once.points, once.known, irradiance[lead], light)
+                    colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
+        if isinstance(self._network, KnownLight):
+            alone = seen.of(first)
+            bounced = self._network.bounced(alone.points, alone.known, _joined(lights))
+            colour += sum_by_pixel(chosen.pixel[first], share, bounced, count)
         return colour
 
     def _lit(
@@ -495,13 +535,11 @@ def _cast(view: View, chosen: _Chosen) -> Cast:
     return Cast(view.columns[at].astype(np.int64), view.rows[at].astype(np.int64), order, count)
 
 
-def _smoothed(
-    view: View, probes: _Chosen, gathered: Gathered
-) -> tuple[Gathered, Callable[[float, np.ndarray, np.ndarray], np.ndarray]]:
-    """Return what was gathered, and a function to do so, averaged over pixels that see one smooth piece.
+def _smoother(view: View, probes: _Chosen) -> Smoother:
+    """Return a function that averages over the pixels that see one smooth piece, of one probe each.
 
-    The function takes how far normals may turn, and a quantity (p, 3) of the pixels that is averaged as a
-    multiple of another.
+    It takes how far normals may turn, and a quantity (p, 3) of the pixels that is averaged as a multiple of
+    another.
     """
     first = np.searchsorted(probes.pixel, np.arange(len(view.rows)))
     single = np.bincount(probes.pixel, minlength=len(view.rows)) == 1
@@ -511,11 +549,18 @@ def _smoothed(
         ratio = smoothed(view.slots, SMOOTH_PX, position, normal, turn, SMOOTH_OFF, above, below)
         return np.where(single[:, None] & (below > 0), ratio * below, above)
 
+    return smooth
+
+
+def _smoothed(probes: _Chosen, gathered: Gathered, smooth: Smoother) -> Gathered:
+    """Return what was gathered, smooth in pixels of one probe."""
+    first = np.flatnonzero(np.diff(probes.pixel, prepend=-1))
+    single = np.diff(first, append=len(probes.pixel)) == 1
     plain = Gathered(gathered.arriving.copy(), gathered.unhindered, gathered.bounced.copy())
     alone = first[single]
     plain.arriving[alone] = smooth(SMOOTH_TURN, gathered.arriving[first], gathered.unhindered[first])[single]
     plain.bounced[alone] = smooth(SMOOTH_TURN, gathered.bounced[first], np.ones((len(first), 3)))[single]
-    return plain, smooth
+    return plain
 
 
 def _image(view: View, colour: np.ndarray, crop: Crop) -> np.ndarray:
@@ -539,3 +584,9 @@ def _lights(position: np.ndarray, colour: np.ndarray) -> Iterator[tuple[np.ndarr
     ):
         if factor.any():
             yield light, factor
+
+
+def _joined(lights: list[tuple[np.ndarray, np.ndarray]]) -> Lights:
+    """Return places and colours (l, 3) of lights."""
+    places, colours = map(np.array, zip(*lights, strict=True))
+    return places, colours

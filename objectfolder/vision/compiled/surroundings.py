@@ -16,46 +16,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from objectfolder.jit import kernel
-from objectfolder.vision.compiled.known_light import KnownLight
+from objectfolder.vision.compiled.known_light import FAR, KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
+from objectfolder.vision.compiled.lobes import Cast, lobe_directions, scattered, stepped
 from objectfolder.vision.compiled.network import CompiledNetwork
 from objectfolder.vision.environment import LIGHTS, Environment
 from objectfolder.vision.network.incidence import SELF_OFFSET
 from objectfolder.vision.network.network_layout import LEAST_COSINE
 
-# Unit-frame lengths to a light that is taken as infinitely far.
-FAR = 1e4
 LIGHTS_A_PIXEL = 32
 # Every so many of these lights tells the bounced light: the network knows it of lamps at distance 1.
 BOUNCED_STEP = 8
 # Lookups are in a map finer than the sparseness of directions, by this many halvings.
 SHARPER = 1.0
-# Irrational steps of a sequence that fills the unit square evenly (Roberts 2018).
-STEPS = (0.7548776662466927, 0.5698402909980532)
 # A highlight that reflects more than this is looked at along four times as many directions.
 STRONG = 0.1
-
-
-@dataclass(frozen=True)
-class Cast:
-    """Where points (n,) are in an image, int64: whatever is drawn for them follows from this.
-
-    Parameters
-    ----------
-    columns, rows
-        Pixels of the image.
-    order, count
-        Number of the point in its pixel, and how many there are.
-    """
-
-    columns: np.ndarray
-    rows: np.ndarray
-    order: np.ndarray
-    count: np.ndarray
-
-    def of(self, row: np.ndarray) -> "Cast":
-        """Return some of the points."""
-        return Cast(self.columns[row], self.rows[row], self.order[row], self.count[row])
 
 
 @dataclass(frozen=True)
@@ -201,13 +176,19 @@ class Surroundings:
         facet = self._surface.facets[points.face[row]] * points.side[row, None]
         start = points.position[row] + SELF_OFFSET * facet
         starts = scattered(cast.of(row))
+        known = isinstance(self._network, KnownLight)
+        widths = lit.features[row, 0].astype(np.float64) if known else np.full(len(row), float(alpha2))
         # Directions that see the pixel, those of its other points among them.
         seeing = cast.count[row] * (samples[-1] + 1 if count else 1)
         texel = 2 * np.pi / around.heights[0] ** 2  # steradians, in the mean
         for sample in samples:
-            drawn = [(part + sample * step) % 1.0 for part, step in zip(starts, STEPS, strict=True)]
             direction, density = lobe_directions(
-                points.normal[row], facet, -points.direction[row], float(alpha2), *drawn, LEAST_COSINE
+                points.normal[row],
+                facet,
+                -points.direction[row],
+                widths,
+                *stepped(starts, sample),
+                LEAST_COSINE,
             )
             sent = density > 0
             _, gloss = self._network.reflected(
@@ -215,13 +196,28 @@ class Surroundings:
             )
             cosine = np.einsum("ij,ij->i", direction[sent], points.normal[row[sent]])
             weight = gloss * (cosine / (np.pi * density[sent]))[:, None]
-            clear = ~self._surface.volumes.occluded(start, start + FAR * direction, sent)[sent]
+            clear, met = self._met(start[sent], np.ascontiguousarray(direction[sent]), lit.matt[row[sent]])
             sparse = 1.0 / (seeing[sent] * density[sent])
             level = 0.5 * np.log2(sparse / texel) - SHARPER
             seen = looked_up(around.texels, around.heights, direction[sent], level)
-            # What hides the map is the object itself, as bright as the point in the mean.
-            light[sent] += weight * np.where(clear[:, None], seen, lit.matt[row[sent]]) / count
+            light[sent] += weight * np.where(clear[:, None], seen, met) / count
         return light
+
+    def _met(
+        self, start: np.ndarray, direction: np.ndarray, matt: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return which (n,) rays meet nothing, and the radiance (n, 3) of the object where they meet it.
+
+        Learned light of places that no ray of the camera meets is as bright as the rays' starts, `matt`.
+        """
+        network, volumes = self._network, self._surface.volumes
+        if not isinstance(network, KnownLight):
+            return ~volumes.occluded(start, start + FAR * direction, np.ones(len(start), dtype=bool)), matt
+        face, barycentric = volumes.first_hits(start, direction)
+        met, radiance = np.flatnonzero(face >= 0), np.zeros((len(face), 3))
+        points = self._surface.points(face[met], barycentric[met], direction[met])
+        radiance[met] = network.matt_round(points, self._environment) / np.pi
+        return face < 0, radiance
 
     def in_mirrors(self, points: Points, cast: Cast, samples: int) -> np.ndarray:
         """Return pi times the radiance (n, 3) of the surface as points show it."""
@@ -232,68 +228,6 @@ class Surroundings:
             matt, gloss, _ = self.shown(met, gathered, cast.of(row), samples, self._network.mirror_alpha2)
             answer[row] = self._network.fresnel(points.of(row)) * (matt + gloss)
         return answer
-
-
-def scattered(cast: Cast) -> tuple[np.ndarray, np.ndarray]:
-    """Return two numbers (n,) of [0, 1) for points, evenly spread for those of one pixel."""
-    bits = (cast.columns * 0x9E3779B1) ^ (cast.rows * 0x85EBCA77)
-    for shift, factor in ((16, 0x21F0AAAD), (15, 0x735A2D97)):
-        bits = ((bits ^ (bits >> shift)) & 0xFFFFFFFF) * factor & 0xFFFFFFFF
-    bits ^= bits >> 15
-    starts = (bits & 0xFFFF) / 65536, (bits >> 16) / 65536
-    first, second = (
-        (start + 64 * cast.order * step) % 1.0 for start, step in zip(starts, STEPS, strict=True)
-    )
-    return first, second
-
-
-@kernel
-def lobe_directions(normal, facet, to_camera, alpha2, first, second, least_cosine):
-    """Draw directions (n, 3) from GGX lobes, and their densities (n,) over solid angle, 0 below the surface.
-
-    Half vectors are drawn as the camera sees them (Heitz 2018).
-    """
-    count = len(normal)
-    direction, density = np.zeros((count, 3)), np.zeros(count)
-    alpha = math.sqrt(alpha2)
-    for i in range(count):
-        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
-        # Two axes across the normal (Duff et al. 2017).
-        sign = 1.0 if nz >= 0 else -1.0
-        a = -1.0 / (sign + nz)
-        b = nx * ny * a
-        x0, x1, x2 = 1.0 + sign * nx * nx * a, sign * b, -sign * nx
-        y0, y1, y2 = b, sign + ny * ny * a, -ny
-        cx, cy, cz = to_camera[i, 0], to_camera[i, 1], to_camera[i, 2]
-        vx, vy = x0 * cx + x1 * cy + x2 * cz, y0 * cx + y1 * cy + y2 * cz
-        vz = max(nx * cx + ny * cy + nz * cz, least_cosine)
-        scale = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
-        vx, vy, vz = vx * scale, vy * scale, vz * scale
-        # The lobe stretched to a hemisphere, seen from the camera as a disc.
-        sx, sy, sz = alpha * vx, alpha * vy, vz
-        scale = 1.0 / math.sqrt(sx * sx + sy * sy + sz * sz)
-        sx, sy, sz = sx * scale, sy * scale, sz * scale
-        flat = math.sqrt(sx * sx + sy * sy)
-        tx, ty = (-sy / flat, sx / flat) if flat > 1e-7 else (1.0, 0.0)
-        radius, angle = math.sqrt(first[i]), 2 * math.pi * second[i]
-        p, q = radius * math.cos(angle), radius * math.sin(angle)
-        half = 0.5 * (1.0 + sz)
-        q = (1.0 - half) * math.sqrt(max(1.0 - p * p, 0.0)) + half * q
-        r = math.sqrt(max(1.0 - p * p - q * q, 0.0))
-        hx, hy = alpha * (p * tx - q * sz * ty + r * sx), alpha * (p * ty + q * sz * tx + r * sy)
-        hz = max(q * (sx * ty - sy * tx) + r * sz, 1e-6)
-        scale = 1.0 / math.sqrt(hx * hx + hy * hy + hz * hz)
-        hx, hy, hz = hx * scale, hy * scale, hz * scale
-        along = 2.0 * (vx * hx + vy * hy + vz * hz)
-        lx, ly, lz = along * hx - vx, along * hy - vy, along * hz - vz
-        dx, dy, dz = x0 * lx + y0 * ly + nx * lz, x1 * lx + y1 * ly + ny * lz, x2 * lx + y2 * ly + nz * lz
-        if lz <= 1e-4 or dx * facet[i, 0] + dy * facet[i, 1] + dz * facet[i, 2] <= 0:
-            continue
-        direction[i, 0], direction[i, 1], direction[i, 2] = dx, dy, dz
-        width = alpha2 * hz * hz + hx * hx + hy * hy
-        masked = vz + math.sqrt(alpha2 + (1.0 - alpha2) * vz * vz)
-        density[i] = alpha2 / (math.pi * width * width) / (2.0 * masked)
-    return direction, density
 
 
 @kernel

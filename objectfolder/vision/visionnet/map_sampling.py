@@ -25,8 +25,9 @@ PITCHES = {"normal": 1 / 192, "alpha": 1 / 256, "roughness": 1 / 192, "metallic"
 """Of each map's lattice, unit-frame lengths; a pixel of a data set's view of 128 pixels is 1/71."""
 
 ALBEDO_PITCHES = tuple(1 / count for count in (64, 96, 128, 160, 192, 224, 256))
-ALBEDO_BYTES = 64_000
-"""Of these the finest that takes no more, a seventh of a network."""
+FINE_PITCHES = tuple(1 / count for count in (320, 384, 448, 512))
+ALBEDO_BYTES = {"learned": 64_000, "known": 160_000}
+"""Of these the finest that takes no more, beside a network of 870 kB and where there is none."""
 
 TAPS, ALPHA_TAPS = 3, 4
 """Places along each axis of a value's cell over which it is a mean; an even number halves at an edge."""
@@ -45,7 +46,9 @@ def stored_mesh(mesh: TexturedMesh, stored: Surface) -> TexturedMesh:
     )
 
 
-def sample_maps(mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance) -> SurfaceMaps:
+def sample_maps(
+    mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance, material: str = "learned"
+) -> SurfaceMaps:
     """Sample the maps of a mesh on lattices over its faces, each value a mean over its cell.
 
     Parameters
@@ -56,6 +59,8 @@ def sample_maps(mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance) ->
         Its unit frame.
     appearance
         Roughness and metallic where a texture has no map of them.
+    material
+        As of `fit_visionnet`: how fine the albedo may be.
 
     Returns
     -------
@@ -69,16 +74,23 @@ def sample_maps(mesh: TexturedMesh, frame: UnitFrame, appearance: Appearance) ->
         if _has(mesh, name):
             pitches[name] = pitch
             levels[name] = _levels(mesh, surface, name, lattice_of(name, triangles, pitch), appearance)
-    for pitch in ALBEDO_PITCHES:
+    albedo_pitches = ALBEDO_PITCHES + (FINE_PITCHES if material == "known" else ())
+    low, high = 0, len(albedo_pitches)
+    while low < high:
+        middle = (low + high) // 2
+        pitch = albedo_pitches[middle]
         try:
             lattice = lattice_of("albedo", triangles, pitch)
         except FormatError:  # more places than a file may have
-            break
+            high = middle
+            continue
         finer = {"albedo": _levels(mesh, surface, "albedo", lattice, appearance)}
         stream = SurfaceMaps(surface, triangles, {"albedo": pitch}, finer).tensors()["albedo"]
-        if "albedo" in levels and len(stream) > ALBEDO_BYTES:
-            break
-        pitches["albedo"], levels["albedo"] = pitch, finer["albedo"]
+        if middle and len(stream) > ALBEDO_BYTES[material]:
+            high = middle
+        else:
+            pitches["albedo"], levels["albedo"] = pitch, finer["albedo"]
+            low = middle + 1
     return SurfaceMaps(surface, triangles, pitches, levels)
 
 
