@@ -14,7 +14,7 @@ from objectfolder.extras import missing_package
 from objectfolder.mesh.cleaning import welded
 from objectfolder.mesh.mesh import TexturedMesh
 
-SAMPLES = 20_000
+SAMPLES = 4_000
 """Points of each surface that its distance from the other is measured at."""
 PATIENCE_S = 3600
 

@@ -8,12 +8,14 @@ import pytest
 from hard_checks import colours_at
 from hard_meshes import encoded, quarters, write_text
 
+from objectfolder.audio.materials import Material
 from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.readers.load import load_mesh
 from pipeline.cli import main
+from pipeline.run.single_build import Building, build_object_file
 
 RADIUS = 0.05
 ROUND, ROWS = 64, 32
@@ -40,14 +42,24 @@ def on_sphere(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     return RADIUS * np.stack([ring * np.cos(turn), ring * np.sin(turn), np.sin(rise)], axis=-1)
 
 
+def refuse_by_count(building: Building, material: Material) -> None:
+    """Refuse what a build is about to be made of, which says of how many faces it is."""
+    raise InputError(str(building.mesh), f"as of {len(load_mesh(building.mesh).faces)} faces", "None")
+
+
 @pytest.mark.slow
-def test_a_mesh_is_decimated_as_it_is_added(tmp_path, monkeypatch, capsys):
+def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, capsys):
     path = write_text(tmp_path / "ball.obj", sphere_text())
     write_text(tmp_path / "ball.mtl", "newmtl skin\nmap_Kd skin.png\n")
     write_text(tmp_path / "skin.png", encoded(quarters(256)))
     monkeypatch.setattr("objectfolder.mesh.readers.face_count.MOST_FACES", 1000)
+    monkeypatch.setattr("objectfolder.mesh.decimation.SAMPLES", 500)
     with pytest.raises(InputError, match="--decimate"):
         load_mesh(path)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    building = Building(mesh=path, material="wood", decimate=600)
+    with pytest.raises(InputError, match=r"decimated/ball.glb: as of 5\d\d|as of 600"):
+        build_object_file(building, tmp_path / "ball.safetensors", refuse_by_count)
     table = tmp_path / "table.csv"
     command = ["add", str(path), "--material", "wood", "--licence", "CC0-1.0", "--table", str(table)]
     assert main([*command, "--no-preview", "--decimate", "600"]) == 0
@@ -58,7 +70,7 @@ def test_a_mesh_is_decimated_as_it_is_added(tmp_path, monkeypatch, capsys):
     assert 590 <= len(read.faces) <= 600
     mesh, _ = clean(read)
     assert topology_of(mesh.surface).watertight
-    inward = RADIUS - np.linalg.norm(mesh.surface.sample(5000, 0).points, axis=1)
+    inward = RADIUS - np.linalg.norm(mesh.surface.sample(2000, 0).points, axis=1)
     assert float(said[3]) == pytest.approx(1e3 * inward.max(), rel=0.3)
     assert float(said[3]) < 0.03 * 1e3 * RADIUS
     u, v = (
