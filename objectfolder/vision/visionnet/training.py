@@ -20,6 +20,7 @@ from objectfolder.vision.network.reflectance import (
     surrounding_inputs,
 )
 from objectfolder.vision.network.sparse_grid import SparseGrid
+from objectfolder.vision.visionnet.adam import Adam
 
 with needs_extra("factory"):
     import torch
@@ -262,12 +263,7 @@ def train(
     tables = list(network.tables)
     known = {id(table) for table in tables}
     others = [parameter for parameter in network.parameters() if id(parameter) not in known]
-    optimiser = torch.optim.Adam(
-        [{"params": tables, "lr": 4 * learning_rate}, {"params": others, "lr": learning_rate}],
-        eps=1e-12,
-        foreach=True,
-    )
-    rates = [group["lr"] for group in optimiser.param_groups]
+    optimisers = [(Adam(tables), 4 * learning_rate), (Adam(others), learning_rate)]
     widths = [network.log_alpha, *([network.log_mirror_alpha] if network.mirrors else [])]
     order = np.empty(0, dtype=np.int64)
     for step in range(steps):
@@ -275,12 +271,10 @@ def train(
             order = np.concatenate([order, random.permutation(len(rays.count))])
         batch, order = order[:batch_pixels], order[batch_pixels:]
         share = min(1.0, (step + 1) / 50) * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * step / steps)))
-        for group, rate in zip(optimiser.param_groups, rates, strict=True):
-            group["lr"] = rate * share
         loss = _loss(network, grid, rays, batch, radiance_scale, priors, random)
-        optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        optimiser.step()
+        for optimiser, rate in optimisers:
+            optimiser.step(rate * share)
         with torch.no_grad():
             for width in widths:
                 width.clamp_(min=math.log(LEAST_ALPHA))
