@@ -17,8 +17,8 @@ from pathlib import Path
 from bench.record import REPOSITORY
 
 COPIED = (
-    "objectfolder", "pipeline", "bench/results", "data/materials.csv", "dvc.yaml", "params.yaml",
-    "requirements.lock",
+    "objectfolder", "pipeline", "bench/results", "data/materials.csv", "data/retry.json", "dvc.yaml",
+    "params.yaml", "requirements.lock",
 )  # fmt: skip
 GITIGNORE = "__pycache__/\n/.objectfolder/\n/runs/\n"
 DVCIGNORE = "__pycache__\n*.pyc\n*.partial\n.objectfolder\nruns\n"
@@ -137,6 +137,8 @@ class OverheadRepository:
             writer = csv.writer(file)
             writer.writerow(("id", "mesh", "material"))
             writer.writerows((name, f"../meshes/{name}.obj", "steel") for name in self.ids)
+        parameters = root / "params.yaml"
+        parameters.write_text(parameters.read_text().replace("meshes: data/starter", "meshes: meshes"))
         self.run("git", "init", "-q")
         self.run("dvc", "init", "-q")
         (root / ".dvcignore").write_text(DVCIGNORE)

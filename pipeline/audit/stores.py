@@ -12,7 +12,7 @@ from typing import Any
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.dataset.archives import LARGEST_PRODUCT_BYTES
 from pipeline.dataset.lock_file import read_folder
-from pipeline.dataset.products import TENSORS, ZARR
+from pipeline.dataset.products import TENSORS, ZARR, md5_of
 
 BLOCK_BYTES = 2 << 20  # of a request; a cut connection loses at most one
 ATTEMPTS = 4
@@ -174,12 +174,6 @@ class Stores:
         if self.remote is not None:
             nowhere = "neither in the cache nor at the remote"
         return NotHere(where, f"not readable here: {md5} is {nowhere}", self._remedy)
-
-
-def md5_of(path: Path) -> str:
-    """Return the MD5 of a file, 32 hex digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
 class _TooLargeError(Exception):

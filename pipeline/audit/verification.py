@@ -15,11 +15,10 @@ from objectfolder.object_file.object_file import FORMAT, ObjectFile
 from pipeline.audit.contents import Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.reasons import is_labelled_truly
-from pipeline.audit.stores import md5_of
 from pipeline.audit.versions import Version
 from pipeline.dataset import products
 from pipeline.dataset.lock_file import LOCK, is_folder
-from pipeline.dataset.products import TENSORS, ProductKind
+from pipeline.dataset.products import TENSORS, ProductKind, md5_of
 from pipeline.dataset.stage import Stage
 
 AT_ONCE = 4  # files read at the same time: disks and hashes, not processors, are what is waited for

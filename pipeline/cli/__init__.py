@@ -5,6 +5,7 @@ interrupted; 141 nobody reads the output any more, as after `| head`. An error i
 """
 
 import contextlib
+import ctypes
 import errno
 import io
 import os
@@ -33,6 +34,8 @@ from pipeline.cli.printing import FAILED, FINE, print_error
 from pipeline.cli.usage import UsageError, usage_line
 
 USAGE, INTERRUPTED, UNREAD = 2, 130, 141
+DVC_STAGE = "DVC_STAGE"  # DVC sets this for the commands of stages
+PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 # Extras of pyproject.toml that have a package which `factory` lacks.
 EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
@@ -45,7 +48,8 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "Sensors": (sensors.calibrate,),
     "Data set": (data_set.select, data_set.plan, data_set.status, data_set.clean),
     "Stages, as dvc.yaml runs them": (
-        data_set.starter, data_set.products, data_set.stage, data_set.report, data_set.failures,
+        data_set.starter, data_set.code, data_set.inputs, data_set.products, data_set.record, data_set.stage,
+        data_set.report, data_set.failures,
     ),
     "Versions": (versions.audit, versions.verify, versions.history),
     "Publishing": (
@@ -140,11 +144,17 @@ def _fullest_folder() -> str:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Let a terminal that closes, or a batch system that stops a run, end it as the keyboard does."""
+    """Let a terminal that closes, or a batch system that stops a run, end it as the keyboard does.
+
+    So does the end of DVC for the command of a stage: DVC that is killed tells it nothing.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {number: signal.signal(number, _interrupt) for number in (signal.SIGTERM, signal.SIGHUP)}
+    if DVC_STAGE in os.environ:
+        with contextlib.suppress(OSError, AttributeError):  # Linux only
+            ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, signal.SIGTERM, 0, 0, 0)
     try:
         yield
     finally:

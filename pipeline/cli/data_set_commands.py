@@ -27,15 +27,27 @@ def stage(name: str, /, *, root: Root = Path("."), cluster: Cluster = None, json
     name
         the stage
     """
+    from pipeline.run.stage_run import make_stage
+
+    with on_interrupt(RESUMED):
+        return _report_run(make_stage(root.absolute(), _stage_name(name), cluster), json=json)
+
+
+def _stage_name(name: str) -> str:
+    """Return the name of a stage that makes products.
+
+    Raises
+    ------
+    UsageError
+        There is no such stage.
+    """
     from pipeline.dataset.stages import STAGES
     from pipeline.dataset.validation import did_you_mean
-    from pipeline.run.stage_run import make_stage
 
     if name not in STAGES:
         remedy = did_you_mean(name, STAGES, f"Stages are {', '.join(STAGES)}.")
         raise UsageError(name, "no such stage", remedy)
-    with on_interrupt(RESUMED):
-        return _report_run(make_stage(root.absolute(), name, cluster), json=json)
+    return name
 
 
 def _report_run(run: "StageRun", *, json: bool) -> int:
@@ -53,6 +65,34 @@ def products(*, root: Root = Path("."), cluster: Cluster = None, json: Json = Fa
 
     with on_interrupt(RESUMED):
         return _report_run(make_products(root.absolute(), cluster), json=json)
+
+
+def code(*, root: Root = Path(".")) -> None:
+    """Write digests of the code of each stage, which comments do not change: data/code.json."""
+    from pipeline.run.code_digests import write_code_digests
+
+    write_code_digests(root.absolute())
+
+
+def inputs(*, root: Root = Path(".")) -> None:
+    """Write the table and digests of the meshes: data/records.json, data/inputs.json."""
+    from pipeline.run.source_digests import write_inputs
+
+    write_inputs(root.absolute())
+
+
+def record(name: str, /, *, root: Root = Path("."), cluster: Cluster = None, json: Json = False) -> int:
+    """Find the products of a stage as the manifest lists them; run all stages where they are not.
+
+    Parameters
+    ----------
+    name
+        the stage
+    """
+    from pipeline.run.stage_run import record_stage
+
+    with on_interrupt(RESUMED):
+        return _report_run(record_stage(root.absolute(), _stage_name(name), cluster), json=json)
 
 
 def starter(*, root: Root = Path(".")) -> None:
@@ -87,11 +127,19 @@ def report(*, summary: bool = False, json: Json = False, root: Root = Path("."))
             make_report(root.absolute())
 
 
-def failures(*, json: Json = False, root: Root = Path(".")) -> int:
-    """Show which objects failed; the exit status is 1 if any did."""
-    from pipeline.dataset.failures import failure_table, read_failures
+def failures(*, retry: bool = False, json: Json = False, root: Root = Path(".")) -> int:
+    """Show which objects failed; the exit status is 1 if any did.
+
+    Parameters
+    ----------
+    retry
+        let the next `dvc repro` try them again, as the stage of dvc.yaml does
+    """
+    from pipeline.dataset.failures import ask_for_retry, failure_table, read_failures
 
     failed_objects = read_failures(root)
+    if failed_objects and retry:
+        ask_for_retry(root, failed_objects)
     if json:
         print(json_text.dumps([asdict(entry) for entry in failed_objects], indent=1))
     elif failed_objects:

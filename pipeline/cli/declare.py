@@ -1,7 +1,6 @@
 """``python -m pipeline.cli.declare``: write into ``dvc.yaml`` what the stages of products declare.
 
-Code counts by package, for DVC reads and writes ``dvc.lock`` anew in every stage. What else stands in
-the file is kept, with its comments.
+What else stands in the file is kept, with its comments.
 """
 
 import io
@@ -12,38 +11,48 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from objectfolder.products.atomic import write_whole
-from pipeline.dataset.failures import FAILURES
-from pipeline.dataset.records import MATERIALS, RECORDS
+from pipeline.dataset.failures import FAILURES, RETRY
+from pipeline.dataset.manifest import MANIFEST, PRODUCTS
+from pipeline.dataset.records import RECORDS
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import STAGES
+from pipeline.run.code_digests import CODE, SENSOR
+from pipeline.run.source_digests import INPUTS
 
-CODE = ("objectfolder", "pipeline/dataset", "requirements.lock")
+MADE_BY_ALL = "products"
 HEAD_OF_STAGE = re.compile(r"(?<=[^:\s])\n(  \w+:\n    desc:)")
 
 
-def declared(stage: Stage) -> dict[str, Any]:
-    """Return ``cmd``, ``deps``, ``params`` and ``outs`` of a stage."""
-    deps = {*CODE, f"{stage.task.partition(':')[0].replace('.', '/')}.py"}
-    outs: list[dict[str, Any]] = [{kind.folder: {"persist": True}} for kind in stage.products]
-    listed = {"cache": False, "persist": True}
-    if stage.sources is None:
-        deps |= {str(RECORDS), *(product.kind.folder for product in stage.inputs)}
-    else:
-        deps |= {"${objects.table}", str(MATERIALS), "data/starter"}
-        outs.append({str(RECORDS): listed})
-    if stage.name == next(reversed(STAGES)):
-        outs.append({str(FAILURES): listed})
-    sections = {f"sizes.${{size}}.{name.partition('.')[0]}" for name in stage.parameters}
-    return {
-        "cmd": f"python -m pipeline.run.converged || python -m pipeline.cli stage {stage.name}",
-        "deps": sorted(deps),
+def declared() -> dict[str, dict[str, Any]]:
+    """Return what the stage of all products, and those that own folders, run, read and make."""
+    stages = STAGES.values()
+    sections = {f"sizes.${{size}}.{name.partition('.')[0]}" for stage in stages for name in stage.parameters}
+    products = {
+        "cmd": f"python -m pipeline.cli {MADE_BY_ALL}",
+        "deps": [str(path) for path in (INPUTS, RECORDS, RETRY)],
         "params": [
-            "allow_failures",
-            "objects" if stage.sources else "objects.only",
-            "seed",
+            *("allow_failures", "objects.only", "seed"),
             *sorted(sections),
+            {str(CODE): [*STAGES, SENSOR]},
         ],
-        "outs": outs,
+        "outs": [
+            {str(PRODUCTS): {"persist": True}},
+            *({str(path): {"cache": False, "persist": True}} for path in (FAILURES, MANIFEST)),
+        ],
+    }
+    recorded = {stage.name: _recorded(stage) for stage in stages}
+    # After all stages, so that what is finished is recorded before the run ends with an error.
+    last = [str(FAILURES), *sorted(stage.products[0].folder for stage in stages), "reports/index.html"]
+    failures = {"cmd": "python -m pipeline.cli failures --retry", "deps": last}
+    return {MADE_BY_ALL: products, **recorded, "failures": failures}
+
+
+def _recorded(stage: Stage) -> dict[str, Any]:
+    """Return a stage that owns the folders of products, and hangs on its key of the manifest."""
+    return {
+        "cmd": f"python -m pipeline.cli record {stage.name}",
+        "params": [{str(MANIFEST): [f"stages.{stage.name}"]}],
+        "outs": [{kind.folder: {"persist": True}} for kind in stage.products],
     }
 
 
@@ -53,8 +62,8 @@ def write(path: Path = Path("dvc.yaml")) -> None:
     yaml.width = 110
     yaml.indent(mapping=2, sequence=4, offset=2)
     content = yaml.load(path.read_text(encoding="utf-8"))
-    for name, stage in STAGES.items():
-        content["stages"][name].update(declared(stage))
+    for name, sections in declared().items():
+        content["stages"][name].update(sections)
     text = io.StringIO()
     yaml.dump(content, text)
     write_whole(path, HEAD_OF_STAGE.sub(r"\n\n\1", text.getvalue()))

@@ -139,6 +139,7 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
 
     with contextlib.ExitStack() as stack:
         scratch.sweep()
+        scratch.sweep(root / scratch.KEYS)
         own = dict(place.dask)
         if place.starts in HERE:
             own.setdefault("temporary-directory", stack.enter_context(scratch.Scratch("dask")))

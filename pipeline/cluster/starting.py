@@ -17,6 +17,7 @@ from pipeline.cluster import tls
 from pipeline.cluster.places import HERE, LOCAL, SSH, Place
 from pipeline.cluster.pools import MEMORY
 from pipeline.dataset.validation import did_you_mean
+from pipeline.sandbox import scratch
 
 EXTRAS = {"dask_jobqueue": "slurm", "dask_kubernetes": "kubernetes", "asyncssh": "ssh"}
 LOOK_S = 10.0  # between looks for workers that have to be started again
@@ -49,7 +50,12 @@ def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) ->
         if place.starts == SSH:
             return _ssh(kind, arguments, security)
         if place.module == "dask_jobqueue":
-            return _accepted(kind(*place.args, **_batch(arguments, place, root, security)))
+            folder = root / scratch.KEYS
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            keys = scratch.Scratch("keys", folder)
+            cluster = _accepted(kind(*place.args, **_batch(arguments, place, root, security, keys.name)))
+            cluster.keys = keys  # removed with it; by the next run if this process is killed
+            return cluster
         return kind(*place.args, **arguments)
     except ObjectFolderError:
         raise
@@ -145,7 +151,7 @@ def _local(arguments: dict[str, Any], tasks_at_most: int) -> dict[str, Any]:
     return {"n_workers": 0, "threads_per_worker": min(threads, tasks_at_most), "processes": True} | arguments
 
 
-def _batch(arguments: dict[str, Any], place: Place, root: Path, security: Any) -> dict[str, Any]:
+def _batch(arguments: dict[str, Any], place: Place, root: Path, security: Any, keys: str) -> dict[str, Any]:
     """Return the arguments of a class of dask-jobqueue: one worker in a job."""
     arguments.pop("n_workers", None)
     own = root / ".objectfolder"
@@ -158,7 +164,7 @@ def _batch(arguments: dict[str, Any], place: Place, root: Path, security: Any) -
         "job_name": "objectfolder",
         "local_directory": "${TMPDIR:-/tmp}",
         "log_directory": str(own / "jobs"),
-        "shared_temp_directory": str(own),
+        "shared_temp_directory": keys,
         "security": security,
         "silence_logs": logging.CRITICAL,
         **arguments,

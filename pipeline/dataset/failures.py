@@ -17,6 +17,7 @@ from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
 
 FAILURES = Path("data/failures.json")
+RETRY = Path("data/retry.json")
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,21 @@ def write_failures(
         or not any((one.object, before) in failed for before in known[one.stage].follows)
     ]
     write_whole(root / FAILURES, json.dumps(entries, indent=1, ensure_ascii=False) + "\n")
+
+
+def ask_for_retry(root: Path, failures: Sequence[FailedObject]) -> None:
+    """Write ``data/retry.json`` anew, on which the stage `products` depends: the next `dvc repro` runs it.
+
+    It is a cycle that DVC does not see. The stage `products` cannot ask itself, for DVC reads what a stage
+    depends on after its command. No other command may write the file.
+    """
+    path = root / RETRY
+    try:
+        number = int(json.loads(path.read_text(encoding="utf-8"))["round"])
+    except (OSError, ValueError, TypeError, KeyError):
+        number = 0
+    failed = sorted({f"{failure.stage} {failure.object}" for failure in failures})
+    write_whole(path, json.dumps({"round": number + 1, "failed": failed}, indent=1) + "\n")
 
 
 def failure_table(failures: Sequence[FailedObject], width: int | None = None) -> str:

@@ -27,7 +27,7 @@ class Lock:
     Attributes
     ----------
     outs : MD5 of outputs by path
-    parameters : by stage
+    parameters : by stage, without those from files that another stage makes
     paths : all that any stage reads or makes
     deps : MD5 of dependencies by stage and path
     """
@@ -40,8 +40,8 @@ class Lock:
     @property
     def table(self) -> str:
         """Path of the table of objects; empty where no stage names it."""
-        said = self.parameter("objects")
-        return str(said.get("table", "")) if isinstance(said, dict) else ""
+        said = self.parameter("objects")  # of versions before `inputs` was a stage
+        return str(said.get("table", "") if isinstance(said, dict) else self.parameter("objects.table") or "")
 
     def parameter(self, name: str) -> Any:
         """Return a parameter that any stage has, None where none has it."""
@@ -70,6 +70,7 @@ def read_lock(where: str, text: bytes) -> Lock:
         parameters: dict[str, dict[str, Any]] = {}
         paths: set[str] = set()
         deps: dict[str, dict[str, str]] = {}
+        made = {str(out["path"]) for said in stages.values() for out in said.get("outs", ())}
         for stage, said in stages.items():
             for out in said.get("outs", ()):
                 md5 = out.get("md5")
@@ -80,8 +81,9 @@ def read_lock(where: str, text: bytes) -> Lock:
             deps[str(stage)] = {str(one["path"]): str(one.get("md5", "")) for one in said.get("deps", ())}
             parameters[str(stage)] = {
                 str(name): value
-                for file in said.get("params", {}).values()
-                for name, value in (file or {}).items()
+                for file, values in said.get("params", {}).items()
+                if file not in made
+                for name, value in (values or {}).items()
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise FormatError(where, f"no lock file of DVC ({type(error).__name__})", RESTORE) from error

@@ -67,6 +67,9 @@ class ObjectsParameters:
 
     table: Annotated[str, Field(description="table of objects, a path from the root of the data set")]
     only: Annotated[tuple[str, ...], Field(description="ids of objects to make; none: all of the table")]
+    meshes: Annotated[
+        str, Field(description="folder of their meshes and textures, in which DVC looks for changes")
+    ] = ""
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

@@ -1,5 +1,6 @@
 """Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,6 +117,12 @@ def read_fingerprint(path: Path) -> str | None:
     if not isinstance(found, str):
         raise FormatError(str(path), "it carries no fingerprint", "Delete it; a run makes it again.")
     return found
+
+
+def md5_of(path: Path) -> str:
+    """Return the MD5 of a file, 32 hex digits: the name under which DVC's cache has it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
 def verify(path: Path) -> None:

@@ -1,5 +1,6 @@
 """Choosing objects in ``params.yaml``, with its comments kept."""
 
+import os
 from pathlib import Path
 
 from ruamel.yaml import YAML
@@ -12,6 +13,8 @@ from pipeline.dataset.parameters import read_parameters
 
 def select(path: Path, table: str | None, only: str | None) -> list[str]:
     """Set ``objects.table`` and ``objects.only``; None leaves a value as it is.
+
+    With another table, ``objects.meshes`` becomes the folder of its meshes and textures.
 
     Parameters
     ----------
@@ -47,15 +50,37 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
     if tuple(wanted_only) != before.only:
         was, now = ("all" if not ids else ", ".join(ids) for ids in (before.only, wanted_only))
         changes.append(f"{path.name}: objects.only is now {now} (was {was})")
+    meshes = before.meshes if wanted_table == before.table else _meshes(path.parent.absolute(), wanted_table)
+    if meshes != before.meshes:
+        changes.append(f"{path.name}: objects.meshes is now {meshes} (was {before.meshes})")
     if changes:
         yaml = YAML()
         yaml.preserve_quotes, yaml.width = True, 4096
         content = yaml.load(path.read_text(encoding="utf-8"))
         content["objects"]["table"] = wanted_table
+        content["objects"]["meshes"] = meshes
         content["objects"]["only"][:] = wanted_only  # in place: the list keeps its style and comments
         with atomic_write(path) as file:
             yaml.dump(content, file)
     return changes
+
+
+def _meshes(root: Path, table: str) -> str:
+    """Return the folder that has all meshes and textures of a table.
+
+    It is the table itself where that folder would have products in it, too: DVC cannot watch that.
+    """
+    folder = (root / table).parent
+    try:
+        rows = [row for _, row in read_rows(root / table)[1]]
+    except InputError:  # a run says what is wrong with it
+        return table
+    names = [row.get(column) for row in rows for column in ("mesh", "texture")]
+    parents = {os.path.dirname(os.path.abspath(folder / name)) for name in names if name}
+    common = Path(os.path.commonpath(parents)) if parents else root
+    if (root / "data").is_relative_to(common):
+        return table
+    return str(common.relative_to(root) if common.is_relative_to(root) else common)
 
 
 def _check_ids(ids: list[str], table: Path) -> None:

@@ -34,10 +34,11 @@ Sources = dict[str, tuple[str, list[tuple[str, str]]]]  # see `code_identity`
 
 @dataclass
 class _Product:
-    """Attributes that were read of a product, and whether all of it was checked."""
+    """Attributes that were read of a product, whether all of it was checked, and the MD5 of its bytes."""
 
     state: State
     whole: bool = False
+    md5: str = ""
     attributes: dict[str, Any] = field(default_factory=dict)
 
 
@@ -105,6 +106,20 @@ class Verified:
         except (FileNotFoundError, FormatError):
             return False
         return True
+
+    def md5(self, path: Path) -> str:
+        """Return the MD5 of a product's bytes.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no product.
+        """
+        entry = self._product(path)
+        if not entry.md5:
+            entry.md5 = products.md5_of(path)
+            self._changed = True
+        return entry.md5
 
     def add(self, path: Path, fingerprint: str) -> None:
         """Note a product with this fingerprint as checked."""

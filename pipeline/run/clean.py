@@ -19,6 +19,7 @@ from pipeline.dataset.lock_file import LOCK, read_lock
 from pipeline.dataset.products import PLAYERS, STATE, ProductKind, read_fingerprint
 from pipeline.dataset.stages import STAGES
 from pipeline.run import run_record
+from pipeline.run.damage import SET_ASIDE
 from pipeline.run.exclusive import exclusive, owner
 from pipeline.sandbox import scratch
 from pipeline.store import memo
@@ -127,7 +128,9 @@ def removable(root: Path, with_memo: bool = False) -> list[Removable]:
     found = [
         entry("half-written files", "left by a process that was killed", _partial_files(root)),
         entry("scratch folders", "their owners are dead", scratch.abandoned()),
+        entry("keys of batch jobs", "their drivers are dead", scratch.abandoned(root / scratch.KEYS)),
         entry("run records", "older than the last ones", run_record.excess(root)),
+        entry("damaged products", "set aside and made again", (root / SET_ASIDE).glob("*/*")),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
         entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
     ]

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pipeline.dataset.failures import FailedObject, failure_table, write_failures
 from pipeline.dataset.job import Job, Runner
+from pipeline.dataset.manifest import forget
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.verified import Verified
@@ -134,6 +135,7 @@ def _run(
     left = list(flow.unsettled())
     for expected in left:
         progress.expect(*expected)
+    forget(root, {(stage, object_id) for stage, object_id, _ in left})
     saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
     with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
         progress.measure(runner.cpu_seconds)

@@ -6,13 +6,13 @@ why it failed), ``stage`` (how many objects were kept, restored, computed, faile
 Objects that needed nothing are counted, not listed. A run that was killed has no ``end``, and its last
 line may be cut.
 
-The commands of one `dvc repro` share a file (see `pipeline.run.converged`). The last `MOST_RUNS` files stay,
-as far as they fit into `MOST_BYTES`.
+The last `MOST_RUNS` files stay, as far as they fit into `MOST_BYTES`.
 """
 
 import json
 import os
 import platform
+import secrets
 import socket
 import sys
 from collections.abc import Sequence
@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.dataset.task import Outcome
-from pipeline.run.converged import run_id
-from pipeline.run.costs import compact, is_cut, unwritable
+from pipeline.run.costs import compact, unwritable
 
 PATTERN = "[0-9]*T[0-9]*Z-*.jsonl"
 MOST_RUNS = 200
@@ -41,16 +40,13 @@ class RunRecord:
     """
 
     def __init__(self, root: Path, stages: Sequence[str]) -> None:
-        self.run_id = run_id()
+        self.run_id = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
         self.path = root / "runs" / f"{self.run_id}.jsonl"
         self._root = root
         self._tasks = 0
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            cut = is_cut(self.path)
             self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            if cut:
-                os.write(self._file, b"\n")
         except OSError as error:
             raise unwritable(self.path, error) from error
         self._write(

@@ -1,8 +1,8 @@
 """The commands of the stages of ``dvc.yaml`` that make products: all at once, or one stage.
 
-`make_products` is the first of them in every `dvc repro`. It waits for workers once and converges all
-stages with no barrier between them. The single stages that follow in the same `dvc repro` ask
-`pipeline.run.converged` and do nothing, so that DVC records the products.
+`make_products` waits for workers once, converges all stages with no barrier between them, and writes the
+manifest. The stages of ``dvc.yaml`` that own the folders of products hang on it; their command,
+`record_stage`, finds the products made, so that DVC records them.
 """
 
 from collections.abc import Sequence
@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.cluster.places import read_place
-from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.job import Runner
+from pipeline.dataset.manifest import is_listed, read_products, write_manifest
 from pipeline.dataset.parameters import PARAMETERS, read_parameters
-from pipeline.dataset.records import read_records, read_table, write_records
+from pipeline.dataset.records import read_records, read_table
 from pipeline.dataset.stages import STAGES
+from pipeline.dataset.verified import Verified
 from pipeline.run.converge import Summary, converge
-from pipeline.run.converged import CONVERGED, run_id
+from pipeline.run.damage import set_damaged_aside
 from pipeline.run.exclusive import exclusive
 
 NAMED = 8  # objects that a message names
@@ -38,11 +40,18 @@ class StageRun:
 def make_products(root: Path, place: str | None = None) -> StageRun:
     """Converge all stages at once at a place."""
     with exclusive(root, "all products"):
-        (root / CONVERGED).unlink(missing_ok=True)
-        run = _converge(root, list(STAGES), place)
-        if run.exit_code == 0:
-            (root / CONVERGED).write_text(run_id())
-    return run
+        return _converge(root, list(STAGES), place)
+
+
+def record_stage(root: Path, name: str, place: str | None = None) -> StageRun:
+    """Find the products of a stage as the manifest lists them; converge all stages where they are not."""
+    with exclusive(root, f"record of stage {name}"):
+        verified = Verified(root)
+        recorded = is_listed(root, STAGES[name], read_products(root), verified)
+        verified.save()
+        if recorded:
+            return StageRun(stages=(), exit_code=0, notes=())
+        return _converge(root, list(STAGES), place)
 
 
 def make_stage(root: Path, name: str, place: str | None = None) -> StageRun:
@@ -52,14 +61,10 @@ def make_stage(root: Path, name: str, place: str | None = None) -> StageRun:
 
 
 def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
-    """Converge stages over the selected objects."""
+    """Converge stages over the selected objects, and bring the manifest to what they made."""
     parameters = read_parameters(root / PARAMETERS)
     where = read_place(root, place)
-    if "objects" in names:
-        records = read_table(root, parameters.objects)
-        write_records(root, records)
-    else:
-        records = read_records(root)
+    records = read_table(root, parameters.objects) if "objects" in names else read_records(root)
     selected = records.selected(parameters.objects.only)
     others = records.listed - selected.listed
     notes = []
@@ -76,7 +81,13 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
         return runner(where, root, jobs, stages)
 
     refused = [FailedObject.of("objects", one) for one in selected.refused if "objects" in names]
+    verified = Verified(root)
+    set_damaged_aside(root, read_products(root), verified)
+    verified.save()
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
+    verified = Verified(root)
+    write_manifest(root, tuple(STAGES.values()), read_failures(root), verified)
+    verified.save()
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""
         table = parameters.objects.table

@@ -14,14 +14,16 @@ from pipeline.sandbox.process_tree import end_with_variable
 from pipeline.store.storage import own_folder
 
 SEPARATOR = "~"
+KEYS = Path(".objectfolder/keys")  # of batch jobs, below the root of a data set, for all its machines
 
 
 class Scratch(tempfile.TemporaryDirectory[str]):
     """A folder that is removed with this object, or when the process ends; its name has a word in it."""
 
-    def __init__(self, kind: str = "task") -> None:
+    def __init__(self, kind: str = "task", folder: Path | None = None) -> None:
         owner = (socket.gethostname(), str(os.getpid()), _start_of(os.getpid()), f"{kind}-")
-        super().__init__(prefix=SEPARATOR.join(owner), dir=home(), ignore_cleanup_errors=True)
+        place = folder or home()
+        super().__init__(prefix=SEPARATOR.join(owner), dir=place, ignore_cleanup_errors=True)
 
 
 def home() -> Path:
@@ -35,15 +37,15 @@ def home() -> Path:
     return own_folder(Path(tempfile.gettempdir()) / f"objectfolder-{os.getuid()}", "TMPDIR")
 
 
-def abandoned() -> list[Path]:
-    """Return the scratch folders on this host whose owner is dead."""
-    folders = (path for path in home().iterdir() if path.is_dir() and not path.is_symlink())
+def abandoned(folder: Path | None = None) -> list[Path]:
+    """Return the scratch folders in a folder (default: `home`) whose owner, of this host, is dead."""
+    folders = (path for path in (folder or home()).glob("*") if path.is_dir() and not path.is_symlink())
     return sorted(path for path in folders if _owner_is_dead(path.name))
 
 
-def sweep() -> list[Path]:
+def sweep(folder: Path | None = None) -> list[Path]:
     """Remove the folders of dead owners, and return them; processes that still work there end."""
-    folders = abandoned()
+    folders = abandoned(folder)
     for path in folders:
         end_with_variable("TMPDIR", str(path))
         shutil.rmtree(path, ignore_errors=True)

@@ -1,214 +1,213 @@
-"""The stages of this project under DVC itself, over task bodies that cost nothing."""
+"""The stages of this project under DVC itself, in the situations of a data set's life; tasks cost nothing."""
 
 import os
+import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import chdir
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
+from patience import wait_until
 from repositories import opened
 from toys import read_record
 
 from bench.factory import overhead_repository
 from bench.factory.overhead_repository import OverheadRepository
-from pipeline.audit.contents import Contents
-from pipeline.audit.stores import md5_of
-from pipeline.audit.verification import verify
-from pipeline.audit.versions import read_version
+from objectfolder.products.store import Array, Product, read_product, write_product
 from pipeline.cli import main
-from pipeline.dataset.products import read_fingerprint
-from pipeline.dataset.stages import MODES, OBJECTS, STAGES, VIEWS
+from pipeline.cli.reproduce import reproduce
+from pipeline.dataset.products import md5_of
+from pipeline.dataset.stages import COLLISION, STAGES, TOUCHES, VIEWS
+from pipeline.run.exclusive import owner
 from pipeline.run.run_record import records
-from pipeline.store.memo import memo_folder, memo_name
 
 FIRST, SECOND, THIRD = (f"object_{number:05}" for number in range(3))
+POISON = """
+    text = request.inputs["mesh"].read_bytes()
+    if b"poison" in text:
+        raise ValueError("no mesh")
+    if b"slow" in text:
+        import time
+        time.sleep(60)
+"""
 
 
 class Repository(OverheadRepository):
-    """Three objects; a mesh that says `poison` fails in the stage views."""
+    """Three objects; a mesh that says `poison` fails, one that says `slow` takes a minute."""
 
-    def __init__(self, root) -> None:
+    def __init__(self, root: Path) -> None:
         super().__init__(root, 3)
         (root / "cluster" / "local.yaml").write_text("kwargs: {threads_per_worker: 1}\n")
         stages = yaml.safe_load((root / "dvc.yaml").read_text())
         for name in ("starter", "report"):  # what is not of these objects, and what has tests of its own
             del stages["stages"][name]
-        for file in ("data/starter/nothing", "reports/index.html"):
-            (root / file).parent.mkdir(exist_ok=True)
-            (root / file).touch()
+        stages["stages"]["failures"]["deps"].remove("reports/index.html")
+        # The order of the file means nothing.
+        stages["stages"] = dict(reversed(stages["stages"].items()))
         (root / "dvc.yaml").write_text(yaml.safe_dump(stages, sort_keys=False))
-        body = root / "pipeline" / "tasks" / "objects.py"
-        text = body.read_text()
-        place = "def prepare_object(request):\n"
-        assert place in text
-        poison = (
-            '    if b"poison" in request.inputs["mesh"].read_bytes():\n        raise ValueError("no mesh")\n'
-        )
-        body.write_text(text.replace(place, place + poison))
+        self.edit("pipeline/tasks/objects.py", "def prepare_object(request):\n", POISON)
 
-    def mesh(self, object_id):
+    def edit(self, name: str, place: str, text: str) -> None:
+        """Put a text behind a place in a file."""
+        path = self.root / name
+        content = path.read_text()
+        assert place in content
+        path.write_text(content.replace(place, place + text, 1))
+
+    def mesh(self, object_id: str) -> Path:
+        """The mesh of an object."""
         return self.root / "meshes" / f"{object_id}.obj"
 
-    def repro(self, *arguments: str, code: int = 0) -> str:
-        """Run `dvc repro`, a process of its own, which is what a run is; return what it says."""
-        done = self.try_("dvc", "repro", *arguments)
-        said = done.stdout + done.stderr
-        assert (done.returncode != 0) == (code != 0), said
-        return said
-
-    def status(self) -> dict[str, object]:
-        """What `dvc status` says, but for the stage that it always runs."""
-        with opened(self.root) as repository:
-            said = repository.status()
-        assert said.pop("products") == ["always changed"]
-        return said
-
-    def checkout(self, *targets: str) -> None:
-        """Do as `dvc checkout` does."""
-        with opened(self.root) as repository:
-            repository.checkout(list(targets))
-
-    def select(self, only: str) -> None:
-        """Restrict what is made."""
+    def repro(self, *targets: str, code: int = 0) -> list[str]:
+        """Run `dvc repro`; return the tasks that were tried."""
+        before = set(records(self.root))
         with chdir(self.root):
-            assert main(["select", "--only", only]) == 0
-
-    def tasks(self) -> list[str]:
-        """Tasks that the last run tried."""
-        lines = read_record(records(self.root)[-1])
+            assert reproduce(targets) == code
+        new = [path for path in records(self.root) if path not in before]
+        lines = [line for path in new for line in read_record(path)]
         return sorted(f"{line['stage']} {line['object']}" for line in lines if line["event"] == "task")
 
-    def recorded(self, path: str) -> int:
-        """Number of files of a folder that dvc.lock has."""
-        stages = yaml.safe_load((self.root / "dvc.lock").read_text())["stages"].values()
-        return next(out["nfiles"] for stage in stages for out in stage.get("outs", []) if out["path"] == path)
+    def status(self) -> list[str]:
+        """The stages that `dvc status` calls changed."""
+        with opened(self.root) as repository:
+            return sorted(repository.status())
 
-    def findings(self):
-        """What verification finds in the work tree."""
-        stages = tuple(STAGES.values())
-        with Contents(self.root) as contents:
-            return verify(contents, read_version(contents, stages, None), stages).findings
+    def checkout(self) -> None:
+        """Do as `dvc checkout` does."""
+        with opened(self.root) as repository:
+            repository.checkout()
 
-    def changed(self, before: dict[str, int]) -> set[str]:
-        return {path for path, time in self.times().items() if before.get(path) != time}
-
-    def commit(self) -> None:
+    def commit(self, message: str) -> None:
+        """Commit everything, and tag it."""
         self.run("git", "add", "-A")
-        self.run("git", "-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", "first")
+        self.run("git", "-c", "user.name=t", "-c", "user.email=t@t", "commit", "-qm", message)
+        self.run("git", "tag", message)
 
-    def times(self) -> dict[str, int]:
-        folders = [self.root / kind.folder for stage in STAGES.values() for kind in stage.products]
-        files = [path for folder in folders for path in folder.iterdir() if path.name != ".gitignore"]
-        return {str(path.relative_to(self.root)): path.stat().st_mtime_ns for path in files}
+    def products(self) -> dict[str, str]:
+        """MD5 of all products by path."""
+        kinds = [kind for stage in STAGES.values() for kind in stage.products]
+        paths = [
+            kind.path(self.root, object_id) for kind in kinds for object_id in kind.object_ids(self.root)
+        ]
+        return {str(path.relative_to(self.root)): md5_of(path) for path in paths}
+
+
+def tasks(stages: Sequence[str], *object_ids: str) -> list[str]:
+    return sorted(f"{stage} {object_id}" for stage in stages for object_id in object_ids)
 
 
 @pytest.fixture
 def repository(tmp_path, monkeypatch) -> Repository:
     monkeypatch.setattr(overhead_repository, "CHUNKS", {})  # nobody looks at images
     monkeypatch.delenv("PYTHONPATH", raising=False)  # stages import the code of their checkout
-    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE")  # nobody edits that code
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)  # nobody edits that code
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     return Repository(tmp_path / "checkout")
 
 
 @pytest.mark.slow
-def test_life_of_a_data_set(repository):
-    # From nothing, `dvc repro` alone makes all of it, each task once and by its first command.
-    repository.repro()
-    assert repository.tasks() == sorted(
-        f"{stage} {name}" for stage in STAGES for name in (FIRST, SECOND, THIRD)
-    )
-    assert len(records(repository.root)) == 1
-    assert repository.status() == {}
-    repository.commit()
-    whole = repository.times()
+def test_life_of_a_data_set(repository, tmp_path, capfd):
+    root = repository.root
+    # From nothing, `dvc repro` alone makes all of it, each task once and in one run.
+    assert repository.repro() == tasks(STAGES, FIRST, SECOND, THIRD)
+    assert len(records(root)) == 1
+    assert repository.status() == []
+    repository.commit("v1")
+    first = repository.products()
 
-    # A rotten bit, size and time unchanged, is named; the product comes from the cache.
-    product = VIEWS.path(repository.root, FIRST)
-    content, digest = product.read_bytes(), md5_of(product)
-    rot(product)
-    assert repository.status() == {}  # DVC goes by size and time
-    (finding,) = repository.findings()
-    assert finding.where == str(product.relative_to(repository.root))
-    assert "delete the file, then `dvc checkout data/views`" in finding.remedy
-    product.unlink()
-    repository.checkout("data/views")
-    assert product.read_bytes() == content
-    assert repository.findings() == ()
+    # A comment: no product is touched. A constant: what follows from it.
+    touches = "pipeline/tasks/touches.py"
+    repository.edit(touches, "\n", "# a comment\n")
+    assert repository.status() == ["code"]
+    assert repository.repro() == []
+    assert repository.status() == []
+    assert repository.run("git", "status", "--porcelain", "data").stdout == ""
+    repository.edit(touches, "def product(chunks, attributes):\n", '    attributes["constant"] = 1\n')
+    assert repository.repro() == tasks(["touches", "fidelity"], FIRST, SECOND, THIRD)
+    assert repository.status() == []
 
-    # Where the cache is rotten, too, it is made again. A failed object is an error of `dvc repro`, and what
-    # is finished is recorded. What is not selected stays as it is.
-    cached = repository.root / ".dvc" / "cache" / "files" / "md5" / digest[:2] / digest[2:]
-    remembered = memo_folder(repository.root, read_fingerprint(product)) / memo_name(product)
-    for copy in (product, cached, remembered):
-        rot(copy)
-    (finding,) = repository.findings()
-    assert f"delete the file and {cached}, then" in finding.remedy
-    assert "or run `dvc repro`" in finding.remedy
-    product.unlink()
-    cached.unlink()
+    # An object that fails is tried by every run until it is cured. What is finished is recorded.
     mesh = repository.mesh(SECOND).read_text()
     repository.mesh(SECOND).write_text("# poison\n" + mesh)
-    last = STAGES["fidelity"].targets(repository.root, THIRD)[-1]
-    last.unlink()
-    repository.select(f"{FIRST},{SECOND}")
-    said = repository.repro(code=1)
-    assert "no mesh" in said
-    assert "objects.only selects 2 of 3 objects" in said
-    assert repository.tasks() == [f"objects {SECOND}", f"views {FIRST}"]
-    assert (product.read_bytes(), md5_of(cached)) == (content, digest)
-    assert repository.findings() == ()
-    assert repository.recorded("data/views") == 2
-    assert set(repository.status()) == {"failures"}
-    assert {path for path in repository.changed(whole) if FIRST in path or THIRD in path} == {
-        str(product.relative_to(repository.root))
-    }
-    assert not last.is_file()
+    assert repository.status() == ["inputs"]
+    for _ in range(3):
+        assert repository.repro(code=1) == [f"objects {SECOND}"]
+        assert repository.status() == ["failures", "products"]
+    assert "no mesh" in capfd.readouterr().err
+    assert not VIEWS.path(root, SECOND).exists()
+    repository.mesh(SECOND).write_text(mesh + "v 0 0 2\n")
+    assert repository.repro() == tasks(STAGES, SECOND)
+    assert repository.status() == []
 
-    # The next run makes good what failed and what was not selected. An object that the table no longer lists:
-    # its products go, and that is said.
-    repository.select("")
-    repository.mesh(SECOND).write_text(mesh)
-    table = repository.root / "data" / "starter.csv"
-    table.write_text("".join(line for line in table.open() if FIRST not in line))
-    assert f"does not list: {FIRST}" in repository.repro()
-    assert last.is_file()
-    assert {Path(path).name.partition(".")[0] for path in repository.times()} == {SECOND, THIRD}
-    assert repository.status() == {}
+    # Changed in place into another whole product, damaged, and deleted: named, and as before.
+    before = repository.products()
+    launder(TOUCHES.path(root, FIRST))
+    COLLISION.path(root, FIRST).write_bytes(b"damaged")
+    VIEWS.path(root, THIRD).unlink()
+    assert repository.status() == ["collision", "failures", "touches", "views"]
+    repository.repro()
+    said = capfd.readouterr().err
+    assert f"data/touches/{FIRST}.zarr.zip: changed since it was made" in said
+    assert f"data/collision/{FIRST}.zarr.zip: changed since it was made" in said
+    assert repository.products() == before
+    assert repository.status() == []
 
-    # An older version checked out: one stage runs, and makes nothing.
-    repository.run("git", "checkout", "-q", ".")
+    # A parameter, objects left out, and a row less.
+    parameters = root / "params.yaml"
+    text = parameters.read_text()
+    parameters.write_text(text.replace("most_parts: ", "most_parts: 1", 1))
+    with chdir(root):
+        assert main(["select", "--only", FIRST]) == 0
+    assert repository.repro() == [f"collision {FIRST}"]
+    assert repository.products().keys() == before.keys()
+    with chdir(root):
+        assert main(["select", "--only", ""]) == 0
+    table = root / "data" / "starter.csv"
+    table.write_text("".join(line for line in table.open() if THIRD not in line))
+    assert repository.repro() == [f"collision {SECOND}"]
+    assert f"does not list: {THIRD}" in capfd.readouterr().out
+    assert {Path(path).name.partition(".")[0] for path in repository.products()} == {FIRST, SECOND}
+    assert repository.status() == []
+    repository.commit("v2")
+
+    # An older version, checked out; back; what no commit needs goes from the cache.
+    second = repository.products()
+    repository.run("git", "checkout", "-q", "v1")
     repository.checkout()
-    before, runs = repository.times(), len(records(repository.root))
-    assert before.keys() == whole.keys()
-    assert repository.repro().count("Running stage") == 1
-    assert repository.changed(before) == set()
-    assert not any(map(tasks_of, records(repository.root)[runs:]))
-    assert repository.status() == {}
+    assert repository.products() == first
+    assert repository.status() == []
+    repository.run("git", "checkout", "-q", "v2")
+    repository.checkout()
+    with opened(root) as dvc:
+        dvc.gc(workspace=True)
+    assert repository.products() == second
+    assert repository.status() == []
 
-    # One stage asks for what it reads, and makes itself alone.
-    missing = [kind.path(repository.root, FIRST) for kind in (OBJECTS, VIEWS, MODES)]
-    for path in missing:
-        path.unlink()
-    with opened(repository.root) as dvc:
-        assert [stage.name for stage in dvc.reproduce("views", dry=True)] == ["objects", "views"]
-    repository.checkout("data/objects")
-    repository.repro("--single-item", "views")
-    assert [path.is_file() for path in missing] == [True, True, False]
-
-
-def rot(path):
-    """Flip a bit in the middle of a file, its times kept."""
-    known, mode = path.stat(), path.stat().st_mode
-    path.chmod(0o644)
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    with path.open("r+b") as file:
-        file.write(data)
-    path.chmod(mode)
-    os.utime(path, ns=(known.st_atime_ns, known.st_mtime_ns))
+    # DVC killed alone: no process of its run stays, and the next run does what is left.
+    mesh = repository.mesh(FIRST).read_text()
+    repository.mesh(FIRST).write_text("# slow\n" + mesh)
+    with subprocess.Popen([sys.executable, "-m", "dvc", "repro", "-q"], cwd=root) as dvc:
+        wait_until(lambda: owner(root), "a run")
+        wait_until(lambda: any((root / "runs").glob("*")) and len(below(dvc.pid)) > 2, "a task")
+        processes = below(dvc.pid)
+        dvc.kill()
+    wait_until(lambda: not any(process.is_running() for process in processes), "the end of all processes")
+    repository.mesh(FIRST).write_text(mesh)
+    assert repository.repro() == []
+    assert repository.products() == second
+    assert repository.status() == []
 
 
-def tasks_of(path):
-    return [f"{line['stage']} {line['object']}" for line in read_record(path) if line["event"] == "task"]
+def below(pid: int) -> list[psutil.Process]:
+    return psutil.Process(pid).children(recursive=True)
+
+
+def launder(path: Path) -> None:
+    """Write another whole product with the same attributes in place of one."""
+    product = read_product(path)
+    values = product.arrays["values"]
+    changed = Array(values.data + 0.25, values.dims, values.units, values.long_name)
+    write_product(path, Product({**product.arrays, "values": changed}, product.attributes))

@@ -1,5 +1,6 @@
 """Push, clone, pull and checkout of an older version, with this project's own stages and tiny outputs."""
 
+import json
 import shutil
 from collections.abc import Iterable
 from contextlib import chdir
@@ -13,8 +14,15 @@ from toys import REPOSITORY
 
 from pipeline.cli.printing import FAILED, FINE
 from pipeline.cli.reproduce import reproduce
+from pipeline.dataset.stages import STAGES
+from pipeline.run.code_digests import REPORT, SENSOR, STARTER
 
-COPIED = ("dvc.yaml", "params.yaml", "learning/dvc.yaml", "learning/dvc.lock", "learning/params.yaml")
+COPIED = (
+    "data/retry.json",
+    "dvc.yaml",
+    "params.yaml",
+    *(f"learning/{name}" for name in ("dvc.yaml", "dvc.lock", "params.yaml")),
+)
 SIGNATURE = pygit2.Signature("t", "t@t")
 
 
@@ -48,8 +56,10 @@ def made_data_set(root: Path, store: Path) -> dict[str, str]:
                 path.mkdir(parents=True)
                 path /= "mug"
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(f"first {name}")
-            written[path.relative_to(root).as_posix()] = f"first {name}"
+            keys = dict.fromkeys([*STAGES, STARTER, REPORT, SENSOR], "first")
+            text = json.dumps({**keys, "stages": keys}) if path.suffix == ".json" else f"first {name}"
+            path.write_text(text)
+            written[path.relative_to(root).as_posix()] = text
         deps = {str(dep) for stage in stages for dep in stage.deps} - outs.keys()
         for name in sorted(deps, reverse=True):  # what lies in a folder before the folder
             (root / name).parent.mkdir(parents=True, exist_ok=True)

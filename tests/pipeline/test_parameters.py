@@ -145,13 +145,14 @@ def test_selection_edits_only_what_it_says(tmp_path):
     path = tmp_path / "params.yaml"
     path.write_text(TEXT)
     table = tmp_path / "mine.csv"
-    table.write_text("id,mesh,material\ncup,cup.obj,glass\ndish,dish.obj,glass\n")
+    table.write_text("id,mesh,material\ncup,meshes/a/cup.obj,glass\ndish,meshes/dish.obj,glass\n")
     assert select(path, None, None) == []
     assert path.read_text() == TEXT
     changes = select(path, str(table), "cup, dish")
     assert changes == [
         f"params.yaml: objects.table is now {table} (was data/starter.csv)",
         "params.yaml: objects.only is now cup, dish (was all)",
+        "params.yaml: objects.meshes is now meshes (was data/starter)",
     ]
     parameters = read_parameters(path)
     assert parameters.objects.table == str(table)
@@ -167,6 +168,7 @@ def test_another_table_drops_ids_of_the_former(tmp_path):
     (tmp_path / "mine.csv").write_text("id,material\n")
     select(path, "mine.csv", None)
     assert read_parameters(path).objects.only == ()
+    assert read_parameters(path).objects.meshes == "mine.csv"  # no folder without products has them
 
 
 def test_an_id_that_the_table_lacks_is_refused_with_those_it_has(tmp_path):

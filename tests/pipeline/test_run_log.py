@@ -16,7 +16,6 @@ from pipeline.dataset.task import Failure, Outcome
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.run import costs as table_of_costs
 from pipeline.run import run_record
-from pipeline.run.converged import DVC_STAGE
 from pipeline.run.costs import (
     COLUMNS,
     KEPT_ROWS,
@@ -128,7 +127,6 @@ with RunRecord(Path.cwd(), ["views"]) as record:
 
 
 def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
-    monkeypatch.setenv(DVC_STAGE, "views")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
     writers = [
         subprocess.Popen([sys.executable, "-c", WRITER, name], cwd=tmp_path, stderr=subprocess.PIPE)
@@ -140,12 +138,8 @@ def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
     known = last_seconds(tmp_path)
     for name in ("one", "two"):
         assert [known[f"{name}_{index}", "views"] for index in range(20)] == list(range(180, 200))
-    (path,) = records(tmp_path)
-    lines = read_record(path)
-    assert len(lines) == len(path.read_text().splitlines()) == 2 * (200 + 2)
-    for name in ("one", "two"):
-        seconds = [line["wall_s"] for line in lines if line.get("slot") == name]
-        assert seconds == list(range(200))
+    lines = [read_record(path) for path in records(tmp_path)]
+    assert [[line["wall_s"] for line in own[1:-1]] for own in lines] == [list(range(200))] * 2
 
 
 def test_a_record_says_what_ran_where_and_how_it_ended(tmp_path):
@@ -172,16 +166,11 @@ def test_a_record_says_what_ran_where_and_how_it_ended(tmp_path):
     assert (end["tasks"], end["error"]) == (2, None)
 
 
-def test_a_record_tells_an_interrupted_run_and_survives_a_cut_line(tmp_path, monkeypatch):
-    monkeypatch.setenv(DVC_STAGE, "views")
+def test_a_record_tells_an_interrupted_run(tmp_path):
     with pytest.raises(KeyboardInterrupt), RunRecord(tmp_path, ["views"]):
         raise KeyboardInterrupt
     (path,) = records(tmp_path)
     assert read_record(path)[-1]["error"] == "KeyboardInterrupt: "
-    path.write_bytes(path.read_bytes() + b'{"event": "task", "obj')
-    with RunRecord(tmp_path, ["modes"]):
-        pass
-    assert [line["event"] for line in read_record(path)] == ["start", "end", "start", "end"]
 
 
 def test_records_are_capped_in_number_and_in_size(tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
 """``dvc.yaml`` and the stages in code say the same."""
 
+import json
 import subprocess
-from pathlib import Path
 
 import pytest
 import yaml
@@ -9,7 +9,7 @@ from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import ObjectRecord
-from objectfolder.products.provenance import code_identity, fingerprint
+from objectfolder.products.provenance import fingerprint
 from objectfolder.products.store import Product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from pipeline.cli.declare import declared
@@ -17,48 +17,41 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import row_of
 from pipeline.dataset.stages import MODES, STAGES
 from pipeline.dataset.verified import Verified
+from pipeline.run.code_digests import CODE, write_code_digests
 
 DVC = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
 
 
 def test_stages_are_those_of_the_pipeline_in_order():
-    assert list(DVC) == ["starter", "products", *STAGES, "report", "failures"]
-    for name in DVC.keys() - STAGES.keys():
+    assert list(DVC) == ["code", "starter", "inputs", "products", *STAGES, "report", "failures"]
+    for name in DVC.keys() - STAGES.keys() - {"failures"}:
         assert DVC[name]["cmd"] == f"python -m pipeline.cli {name}"
-
-
-def folder_of(path: str) -> str:
-    return path.partition("/")[0]
 
 
 def test_dvc_yaml_has_what_the_stages_declare():
     stale = [
         f"{name}: {section}"
-        for name, stage in STAGES.items()
-        for section, said in declared(stage).items()
+        for name, sections in declared().items()
+        for section, said in sections.items()
         if DVC[name][section] != said
     ]
     assert not stale, f"run `make stages`: {stale}"
 
 
-@pytest.mark.parametrize(
-    ("name", "module"),
-    [(name, stage.task.partition(":")[0]) for name, stage in STAGES.items()]
-    + [("starter", "objectfolder.mesh.starter.write"), ("report", "pipeline.publish.data_set")],
-)
-def test_all_code_of_a_stage_is_a_dependency(name, module):
-    deps = {dep.removesuffix(".py").replace("/", ".") for dep in DVC[name]["deps"]}
-    missing = {
-        part for part in code_identity(module) if not any(f"{part}.".startswith(f"{dep}.") for dep in deps)
-    }
-    assert not missing
-    if name in STAGES:
-        assert {"pipeline.dataset", "requirements.lock"} <= deps
-    assert all(
-        Path(REPOSITORY, dep).exists()
-        for dep in DVC[name]["deps"]
-        if folder_of(dep) not in ("data", "${objects.table}")
-    )
+def test_every_stage_but_the_first_has_a_dependency_and_none_always_changes():
+    assert DVC["code"]["deps"] == ["objectfolder", "pipeline", "requirements.lock"]
+    assert all(stage.get("deps") or stage["params"] for stage in DVC.values())
+    assert not any("always_changed" in stage for stage in DVC.values())
+
+
+def test_all_code_of_a_stage_has_a_digest(tmp_path):
+    (tmp_path / "data").mkdir()
+    (tmp_path / "params.yaml").symlink_to(REPOSITORY / "params.yaml")
+    write_code_digests(tmp_path)
+    digests = json.loads((tmp_path / CODE).read_text())
+    named = [name for stage in DVC.values() for file in stage.get("params", ()) if str(CODE) in file
+             for name in file[str(CODE)]]  # fmt: skip
+    assert sorted(named) == sorted(digests)
 
 
 def pins(path):

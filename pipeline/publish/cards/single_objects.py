@@ -16,8 +16,8 @@ from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.opening import opened_clone, opened_folder
-from pipeline.audit.stores import Stores, md5_of
-from pipeline.dataset.products import ProductKind, verify
+from pipeline.audit.stores import Stores
+from pipeline.dataset.products import ProductKind, md5_of, verify
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import COLLISION, FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
 

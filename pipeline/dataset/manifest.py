@@ -1,0 +1,147 @@
+"""The manifest: what every product is, by content. It is the hinge of ``dvc.yaml``.
+
+``data/products.csv`` has a line for every product, and for every object and stage that failed.
+``data/manifest.json`` sums it up in a digest a stage; the stages of ``dvc.yaml`` that own the folders of
+products hang on these. Both are functions of the products alone: they hold no times and no hosts.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from objectfolder.errors import FormatError, InputError
+from objectfolder.products.atomic import write_whole
+from objectfolder.products.provenance import fingerprint
+from pipeline.dataset.failures import FailedObject
+from pipeline.dataset.stage import Stage
+from pipeline.dataset.verified import FINGERPRINT, Verified
+
+MANIFEST = Path("data/manifest.json")
+PRODUCTS = Path("data/products.csv")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A product, or a failure in its place.
+
+    Attributes
+    ----------
+    object, stage : which object, and the stage that makes the product
+    path : from the root of the data set; empty for a failure
+    fingerprint : of what it was made from
+    md5 : of its bytes, the name under which DVC's cache has it
+    bytes : its size
+    failure : why there is no product
+    """
+
+    object: str
+    stage: str
+    path: str
+    fingerprint: str
+    md5: str = ""
+    bytes: int = 0
+    failure: str = ""
+
+
+def list_products(root: Path, stages: Iterable[Stage], verified: Verified) -> list[Entry]:
+    """Return the products that lie in the folders of `stages`; files that cannot be read are left out."""
+    entries = []
+    for stage in stages:
+        for kind in stage.products:
+            for object_id in kind.object_ids(root):
+                path = kind.path(root, object_id)
+                try:
+                    made_from = verified.attributes(path, (FINGERPRINT,))[FINGERPRINT]
+                    md5, size = verified.md5(path), path.stat().st_size
+                except (FormatError, FileNotFoundError):
+                    continue
+                where = path.relative_to(root).as_posix()
+                entries.append(Entry(object_id, stage.name, where, made_from, md5, size))
+    return entries
+
+
+def write_manifest(
+    root: Path, stages: Sequence[Stage], failures: Iterable[FailedObject], verified: Verified
+) -> None:
+    """Write ``data/products.csv`` and ``data/manifest.json`` of what lies in the folders now."""
+    failed = (
+        Entry(failure.object, failure.stage, "", failure.fingerprint, failure=failure.error)
+        for failure in failures
+    )
+    entries = [*list_products(root, stages, verified), *failed]
+    _write_entries(root, entries)
+    summary = {stage.name: _summary([one for one in entries if one.stage == stage.name]) for stage in stages}
+    write_whole(root / MANIFEST, json.dumps({"stages": summary}, indent=1) + "\n")
+
+
+def read_products(root: Path) -> dict[str, Entry]:
+    """Return the products that the manifest lists, by path; none where there is no manifest.
+
+    Raises
+    ------
+    InputError
+        A damaged file.
+    """
+    try:
+        with (root / PRODUCTS).open(encoding="utf-8", newline="") as file:
+            lines = [Entry(bytes=int(line.pop("bytes")), **line) for line in csv.DictReader(file)]
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        remedy = "Delete it, and run `dvc repro`."
+        raise InputError(str(PRODUCTS), f"cannot be read ({error})", remedy) from error
+    return {entry.path: entry for entry in lines if entry.path}
+
+
+def forget(root: Path, tasks: Collection[tuple[str, str]]) -> None:
+    """Take the lines of stages and objects out of ``data/products.csv``: they are made anew now.
+
+    If the run is killed, their new products are no damaged ones for the next run, and DVC sees that this
+    one did not end.
+    """
+    if (root / PRODUCTS).is_file():
+        entries = read_products(root).values()
+        _write_entries(root, (entry for entry in entries if (entry.stage, entry.object) not in tasks))
+
+
+def is_listed(root: Path, stage: Stage, entries: Mapping[str, Entry], verified: Verified) -> bool:
+    """Whether the folders of a stage hold the products that the manifest lists, and no others."""
+    listed = {path for path, entry in entries.items() if entry.stage == stage.name}
+    present = {
+        kind.path(root, object_id).relative_to(root).as_posix()
+        for kind in stage.products
+        for object_id in kind.object_ids(root)
+    }
+    folders = all((root / kind.folder).is_dir() for kind in stage.products)
+    return (
+        folders
+        and listed == present
+        and all(verified.md5(root / path) == entries[path].md5 for path in listed)
+    )
+
+
+def _summary(entries: Sequence[Entry]) -> dict[str, str | int]:
+    """Return what the stages of ``dvc.yaml`` hang on."""
+    made = [entry for entry in entries if entry.path]
+    lines = [asdict(entry) for entry in sorted(entries, key=_order)]
+    return {
+        "digest": fingerprint({"entries": lines})[:32],
+        "products": len(made),
+        "bytes": sum(entry.bytes for entry in made),
+        "failed": len(entries) - len(made),
+    }
+
+
+def _write_entries(root: Path, entries: Iterable[Entry]) -> None:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(Entry)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(entry) for entry in sorted(entries, key=_order))
+    write_whole(root / PRODUCTS, text.getvalue())
+
+
+def _order(entry: Entry) -> tuple[str, str, str]:
+    return entry.stage, entry.object, entry.path

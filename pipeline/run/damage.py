@@ -1,0 +1,49 @@
+"""Products whose bytes are not those of the manifest: set aside before a run, so that it makes them again."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from objectfolder.errors import FormatError
+from pipeline.dataset.manifest import Entry
+from pipeline.dataset.products import STATE, md5_of
+from pipeline.dataset.verified import FINGERPRINT, Verified
+
+SET_ASIDE = Path(STATE) / "damaged"
+CACHE = Path(".dvc/cache/files/md5")
+
+
+def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verified) -> list[str]:
+    """Move products aside that have other bytes than the manifest lists for what they were made from.
+
+    The manifest lists what runs made. A product that says that it was made from the same and differs was
+    changed since, be it a whole file. Its copy in DVC's cache goes, too, if it is no longer what its name
+    says: DVC would link it back unread.
+
+    Returns
+    -------
+    list of str
+        Their paths, from the root on.
+    """
+    damaged = []
+    for where, entry in entries.items():
+        path = root / where
+        try:
+            if verified.md5(path) == entry.md5:
+                continue
+            if verified.attributes(path, (FINGERPRINT,))[FINGERPRINT] != entry.fingerprint:
+                continue
+        except FileNotFoundError:
+            continue
+        except FormatError:  # no whole product: a run makes it again as it is
+            pass
+        place = root / SET_ASIDE / path.parent.name / path.name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(place)
+        cached = root / CACHE / entry.md5[:2] / entry.md5[2:]
+        if cached.is_file() and md5_of(cached) != entry.md5:
+            cached.unlink()
+        kept = place.relative_to(root)
+        print(f"{where}: changed since it was made; now {kept}, and made again", file=sys.stderr)
+        damaged.append(where)
+    return damaged

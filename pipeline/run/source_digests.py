@@ -1,0 +1,64 @@
+"""``data/records.json`` and ``data/inputs.json``: the table of objects, and digests of meshes and textures.
+
+With them ``dvc.yaml`` knows by object what changed, wherever the meshes lie.
+"""
+
+import dataclasses
+import json
+import os
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from objectfolder.errors import InputError
+from objectfolder.products.atomic import write_whole
+from objectfolder.products.provenance import fingerprint
+from pipeline.dataset.parameters import PARAMETERS, read_parameters
+from pipeline.dataset.records import read_table, write_records
+from pipeline.dataset.stage import Row, Stage, source_digest
+from pipeline.dataset.stages import STAGES
+from pipeline.dataset.verified import Verified
+
+INPUTS = Path("data/inputs.json")
+
+
+def write_inputs(root: Path) -> None:
+    """Write what the table says now, for all of its objects.
+
+    Raises
+    ------
+    InputError
+        ``params.yaml`` or the table cannot be used.
+    """
+    objects = read_parameters(root / PARAMETERS).objects
+    records = read_table(root, dataclasses.replace(objects, only=()))
+    verified = Verified(root)
+    digests = {
+        object_id: [_digest(stage, row, verified) for stage in STAGES.values() if stage.sources]
+        for object_id, row in records.rows.items()
+    }
+    verified.save()
+    write_records(root, records)
+    write_whole(root / INPUTS, json.dumps(digests, indent=1) + "\n")
+    watched = root / objects.meshes
+    meshes = (path for row in records.rows.values() for path in (row["mesh"], row["texture"]) if path)
+    if watched.is_dir() and not all(path.is_relative_to(watched) for path in _absolute(meshes)):
+        print(
+            f"warning: {PARAMETERS}: objects.meshes is {objects.meshes}, and {objects.table} names files "
+            "outside it. `dvc repro` does not see when they change. Set it to the folder of all meshes.",
+            file=sys.stderr,
+        )
+
+
+def _absolute(paths: Iterable[Path]) -> Iterable[Path]:
+    return (Path(os.path.abspath(path)) for path in paths)
+
+
+def _digest(stage: Stage, row: Row, verified: Verified) -> str:
+    """Return a digest of all that a stage reads of an object beside its record, or why it cannot be read."""
+    assert stage.sources is not None
+    try:
+        digests = {role: source_digest(path, verified) for role, path in stage.sources(row).items()}
+    except InputError as error:
+        return error.finding
+    return fingerprint({"inputs": digests, "record": {name: row[name] for name in stage.fields}})
