@@ -57,8 +57,8 @@ PLAN = {
 REAL_TASK_S = 1.5
 COMPARED = (
     "products of disturbed runs against those of an undisturbed one, byte by byte; executions of each task "
-    "and object, written down by the tasks themselves, against when their products stood; every product and "
-    "memo entry read whenever it changed; processes and temporary files left"
+    "and object, written down by the tasks themselves, against when their products stood; every product "
+    "read whenever it changed; processes and temporary files left"
 )
 
 

@@ -211,7 +211,6 @@ def clean(
     *,
     yes: Annotated[bool, Parameter(group=remove_or_list)] = False,
     dry_run: Annotated[bool, Parameter(group=remove_or_list)] = False,
-    memo: bool = False,
     json: Json = False,
     root: Root = Path("."),
 ) -> None:
@@ -223,11 +222,9 @@ def clean(
         remove what is listed
     dry_run
         only list it (the default)
-    memo
-        also products of other settings, which then are computed again
     """
     from pipeline.run.clean import clean_data_set
 
     with status_line(f"looking through {root}"):
-        summary = clean_data_set(root.absolute(), remove=yes, with_memo=memo)
+        summary = clean_data_set(root.absolute(), remove=yes)
     print_result(summary, json=json)

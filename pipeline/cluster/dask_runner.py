@@ -210,7 +210,7 @@ class DaskRunner:
         if answer.killed or answer.outcome is None:
             return self._after_kill(task)
         if answer.shipped and answer.outcome.failure is None:
-            step = self._transfers.submit(collect, task.job, self._root, self._store)
+            step = self._transfers.submit(collect, task.job, self._store)
             self._await(task, step, self._after_collecting)
             return None
         return self._finish(task, answer.outcome)

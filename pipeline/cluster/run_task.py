@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.dataset import products
 from pipeline.dataset.task import Call, Outcome
 from pipeline.sandbox.isolation import Child, ChildSettings, ProcessKilled
-from pipeline.store import memo
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,8 @@ def run_task(
     worker = get_worker()
     shares = os.access(marker, os.R_OK)
     answer = Answer(worker.address, _host(worker.ip), shipped=not shares)
-    if shares and memo.are_whole(
-        call.targets, call.fingerprint
-    ):  # made by an earlier try whose answer was lost
+    # Made by an earlier try whose answer was lost?
+    if shares and products.are_whole(call.targets, call.fingerprint):
         return replace(answer, outcome=Outcome(call.request.object_id, fingerprint=call.fingerprint))
     if not shares and shipment is None:
         return answer

@@ -1,6 +1,7 @@
 """Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -123,6 +124,29 @@ def md5_of(path: Path) -> str:
     """Return the MD5 of a file, 32 hex digits: the name under which DVC's cache has it."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
+
+
+def kind_name(path: Path) -> str:
+    """Return the name of a product without its object: kind and suffix."""
+    return f"{path.parent.name}{TENSORS if path.name.endswith(TENSORS) else ZARR}"
+
+
+def check(path: Path, fingerprint: str) -> None:
+    """Raise FormatError unless a product is whole and has this fingerprint."""
+    verify(path)
+    if read_fingerprint(path) != fingerprint:
+        finding = "another fingerprint than its name says"
+        raise FormatError(str(path), finding, "Delete it; a run makes it again.")
+
+
+def are_whole(paths: Iterable[Path], fingerprint: str) -> bool:
+    """Return whether all products are there, whole and with this fingerprint."""
+    try:
+        for path in paths:
+            check(path, fingerprint)
+    except (OSError, FormatError):
+        return False
+    return True
 
 
 def verify(path: Path) -> None:

@@ -41,7 +41,7 @@ class Call:
     request : its argument
     targets : Absolute paths of the products
     fingerprint, parts : what to write into each product
-    memo : folder that gets a copy of each product, or None
+    state : folder where the names of products wait that a shared store does not take; None to share nothing
     """
 
     stage: str
@@ -50,7 +50,7 @@ class Call:
     targets: tuple[Path, ...]
     fingerprint: str
     parts: Mapping[str, Any]
-    memo: Path | None = None
+    state: Path | None = None
 
 
 @dataclass(frozen=True)

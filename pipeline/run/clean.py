@@ -4,7 +4,6 @@ Nothing under ``data/`` or ``reports/``, nothing that git tracks and nothing tha
 ever touched, but for half-written files. DVC's own cache is left to ``dvc gc``.
 """
 
-import contextlib
 import shutil
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -12,17 +11,16 @@ from pathlib import Path
 
 from rich.filesize import decimal
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.errors import InputError
 from objectfolder.products.atomic import PARTIAL
 from pipeline.dataset.git_index import tracked_files
 from pipeline.dataset.lock_file import LOCK, read_lock
-from pipeline.dataset.products import PLAYERS, STATE, ProductKind, read_fingerprint
+from pipeline.dataset.products import PLAYERS, STATE, ProductKind
 from pipeline.dataset.stages import STAGES
 from pipeline.run import run_record
 from pipeline.run.damage import SET_ASIDE
 from pipeline.run.exclusive import exclusive, owner
 from pipeline.sandbox import scratch
-from pipeline.store import memo
 
 LONGEST_LIST = 5  # paths of a kind that are named
 DVC_HINT = (
@@ -86,8 +84,8 @@ class CleanSummary:
         return "\n".join([*lines, DVC_HINT])
 
 
-def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False) -> CleanSummary:
-    """Find what may be removed, with the memo also products of other settings; `remove` it if asked to.
+def clean_data_set(root: Path, *, remove: bool = False) -> CleanSummary:
+    """Find what may be removed; `remove` it if asked to.
 
     Raises
     ------
@@ -98,7 +96,7 @@ def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False)
     if holder is not None:
         raise InputError(str(root), f"in use by {holder}", "Wait until it has ended, or end it.")
     with exclusive(root, "clean"):
-        found = [entry for entry in removable(root, with_memo) if entry.paths]
+        found = [entry for entry in removable(root) if entry.paths]
         kinds = tuple(
             FilesOfKind(
                 kind=entry.kind,
@@ -118,25 +116,23 @@ def clean_data_set(root: Path, *, remove: bool = False, with_memo: bool = False)
     )
 
 
-def removable(root: Path, with_memo: bool = False) -> list[Removable]:
+def removable(root: Path) -> list[Removable]:
     """Return what may be removed, by kind; a kind may have no paths."""
     protected = _protected(root)
 
     def entry(kind: str, why: str, paths: Iterable[Path]) -> Removable:
         return Removable(kind, why, tuple(path for path in sorted(paths) if not protected(path)))
 
-    found = [
+    return [
         entry("half-written files", "left by a process that was killed", _partial_files(root)),
         entry("scratch folders", "their owners are dead", scratch.abandoned()),
         entry("keys of batch jobs", "their drivers are dead", scratch.abandoned(root / scratch.KEYS)),
         entry("run records", "older than the last ones", run_record.excess(root)),
         entry("damaged products", "set aside and made again", (root / SET_ASIDE).glob("*/*")),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
+        entry("copies of products", "DVC's cache has them", (root / STATE).glob("memo")),
         entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
     ]
-    if with_memo:
-        found.append(entry("memo", "products of other settings", _unneeded_memos(root)))
-    return found
 
 
 def _partial_files(root: Path) -> Iterator[Path]:
@@ -144,18 +140,6 @@ def _partial_files(root: Path) -> Iterator[Path]:
         yield from (root / kind.folder).glob(f".*{PARTIAL}")
     for folder in (root / "runs", root / "reports", root / STATE):
         yield from folder.rglob(f".*{PARTIAL}")
-
-
-def _unneeded_memos(root: Path) -> Iterator[Path]:
-    """Yield the memos of products that are not in the data set now."""
-    present = set()
-    for kind in _kinds():
-        for object_id in kind.object_ids(root):
-            with contextlib.suppress(FormatError):
-                present.add(read_fingerprint(kind.path(root, object_id)))
-    for folder in memo.memo_base(root).glob("*/*"):
-        if folder.is_dir() and folder.name not in present:
-            yield folder
 
 
 def _kinds() -> list[ProductKind]:

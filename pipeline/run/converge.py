@@ -1,8 +1,8 @@
 """Makes the products that the inputs ask for: keeps current ones and computes the others.
 
 The result is a pure function of the inputs, whatever was there before and however often it was
-interrupted: a product is kept if it carries the wanted fingerprint, taken from the memo if that has
-it, and computed otherwise, longest expected first; products of objects not listed, and of objects that
+interrupted: a product is kept if it carries the wanted fingerprint, taken from DVC's cache if that
+has it, and computed otherwise, longest expected first; products of objects not listed, and of objects that
 fail, go. Over several stages an object goes on to its next stage as soon as its own inputs are there.
 """
 
@@ -16,13 +16,14 @@ from pipeline.dataset.failures import FailedObject, failure_table, write_failure
 from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.manifest import forget
 from pipeline.dataset.parameters import Parameters
+from pipeline.dataset.products import STATE
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.verified import Verified
 from pipeline.run.costs import add_costs
 from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
 from pipeline.run.run_record import RunRecord
-from pipeline.store import memo
+from pipeline.store import shared
 
 CLUSTER_S = 5.0  # wall seconds that a cluster of this machine takes to start, and its processes to import
 
@@ -37,7 +38,7 @@ class Summary:
 
     stage: str
     kept: tuple[str, ...]
-    restored: tuple[str, ...]  # from the memo
+    restored: tuple[str, ...]  # from DVC's cache, or a shared store
     computed: tuple[str, ...]
     removed: tuple[str, ...]
     failures: tuple[FailedObject, ...]
@@ -105,7 +106,7 @@ def converge(
             progress.close()
             _sweep(stages, root)
             verified.save()
-            memo.prune(root)
+            shared.settle(root / STATE)
         before = {stages[0].name: tuple(refused)}
         summaries = [_summary(name, flow, gone, before.get(name, ())) for name, gone in removed.items()]
         failures = [failure for summary in summaries for failure in summary.failures]

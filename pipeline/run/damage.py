@@ -8,9 +8,9 @@ from objectfolder.errors import FormatError
 from pipeline.dataset.manifest import Entry
 from pipeline.dataset.products import STATE, md5_of
 from pipeline.dataset.verified import FINGERPRINT, Verified
+from pipeline.store.product_cache import ProductCache
 
 SET_ASIDE = Path(STATE) / "damaged"
-CACHE = Path(".dvc/cache/files/md5")
 
 
 def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verified) -> list[str]:
@@ -25,7 +25,7 @@ def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verifi
     list of str
         Their paths, from the root on.
     """
-    damaged = []
+    damaged, cache = [], ProductCache(root)
     for where, entry in entries.items():
         path = root / where
         try:
@@ -40,7 +40,7 @@ def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verifi
         place = root / SET_ASIDE / path.parent.name / path.name
         place.parent.mkdir(parents=True, exist_ok=True)
         path.replace(place)
-        cached = root / CACHE / entry.md5[:2] / entry.md5[2:]
+        cached = cache.path(entry.md5)
         if cached.is_file() and md5_of(cached) != entry.md5:
             cached.unlink()
         kept = place.relative_to(root)

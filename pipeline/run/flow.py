@@ -10,11 +10,12 @@ from objectfolder.products.provenance import fingerprint
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.job import Finished, Job
 from pipeline.dataset.parameters import Parameters
+from pipeline.dataset.products import STATE
 from pipeline.dataset.stage import Prepared, Row, Stage
 from pipeline.dataset.task import Call, Failure, Outcome, failure_of
 from pipeline.dataset.tolerances import as_json
 from pipeline.dataset.verified import Verified
-from pipeline.store import memo
+from pipeline.store.product_cache import ProductCache
 
 if TYPE_CHECKING:
     from pipeline.run.forecast.estimates import Estimates
@@ -45,6 +46,7 @@ class Flow:
         self._rows = rows
         self._verified = verified
         self._on_settled = on_settled
+        self._cache = ProductCache(root)
         # `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` of those settled, by stage and object; and failures.
         self.outcomes: dict[str, dict[str, str]] = {name: {} for name in self._stages}
         self.failures: dict[str, list[FailedObject]] = {name: [] for name in self._stages}
@@ -110,8 +112,7 @@ class Flow:
         if all(self._verified.holds(path, wanted) for path in targets):
             self._settle(stage.name, object_id, KEPT)
             return None
-        folder = memo.memo_folder(self._root, wanted)
-        if memo.restore(folder, targets):
+        if self._cache.restore(wanted, targets):
             for path in targets:
                 self._verified.add(path, wanted)
             self._settle(stage.name, object_id, RESTORED)
@@ -121,7 +122,8 @@ class Flow:
                 "fingerprints": {**stage.lineage(prepared.parts), stage.name: wanted},
                 "tolerances": as_json(stage.tolerances),
             }
-            call = Call(stage.name, stage.task, prepared.request, targets, wanted, provenance, folder)
+            state = self._root / STATE
+            call = Call(stage.name, stage.task, prepared.request, targets, wanted, provenance, state)
             return self._job(stage, call, prepared)
         return None
 

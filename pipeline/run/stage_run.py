@@ -21,6 +21,7 @@ from pipeline.dataset.verified import Verified
 from pipeline.run.converge import Summary, converge
 from pipeline.run.damage import set_damaged_aside
 from pipeline.run.exclusive import exclusive
+from pipeline.store.product_cache import ProductCache
 
 NAMED = 8  # objects that a message names
 
@@ -86,7 +87,8 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     verified.save()
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
     verified = Verified(root)
-    write_manifest(root, tuple(STAGES.values()), read_failures(root), verified)
+    new = write_manifest(root, tuple(STAGES.values()), read_failures(root), verified)
+    ProductCache(root).add(new)
     verified.save()
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""

@@ -26,8 +26,8 @@ from objectfolder.products.provenance import code_identity
 from pipeline.dataset import products
 from pipeline.dataset.task import Call, Outcome, Timed, failure_of
 from pipeline.dataset.verified import known_sources
-from pipeline.store import memo
-from pipeline.store.storage import disk_error
+from pipeline.store import shared
+from pipeline.store.storage import disk_error, product_name
 
 STALE = "stale"
 MKL, TORCH = "mkl", "torch"  # as distributions are named
@@ -56,8 +56,9 @@ def execute(call: Call) -> Outcome:
                 products.write(target, content, call.fingerprint, dict(call.parts))
             except OSError as error:
                 raise disk_error(error, target.parent) from error
-            if call.memo is not None:
-                memo.remember(call.memo, target)
+            if call.state is not None:
+                name = product_name(call.fingerprint, products.kind_name(target))
+                shared.share(call.state, name, target)
     except (Exception, SystemExit) as error:
         failure = failure_of(call.request.object_id, error, traceback.format_exc(limit=-12))
     return Outcome(

@@ -1,1 +1,1 @@
-"""Products beyond the data folder: the memo, the store at any URL behind it, and jobs sent through it."""
+"""Products beyond the data folder: in DVC's cache, in a store at any URL, and jobs sent through it."""

@@ -1,4 +1,4 @@
-"""The shared store behind the memo: a cache, so a run continues without it where it fails.
+"""The shared store behind DVC's cache: a cache, too, so a run continues without it where it fails.
 
 It says so once, does not use the store for a while and then tries again. Names of products that could
 not be shared wait in ``.objectfolder/outbox``, and the end of a run settles them, be it the next run's.
@@ -99,8 +99,7 @@ def settle(state: Path) -> None:
             name, _, path = note.read_text().partition("\n")
         except OSError:
             continue  # another run settled it
-        source = _standing(name.split("/")[1], (state / "memo" / name, Path(path)))
-        if source is None or cache.attempt(Store.put, source, name):
+        if not _stands(Path(path), name.split("/")[1]) or cache.attempt(Store.put, Path(path), name):
             note.unlink(missing_ok=True)
         else:
             waiting += 1
@@ -109,13 +108,11 @@ def settle(state: Path) -> None:
               file=sys.stderr)  # fmt: skip
 
 
-def _standing(fingerprint: str, candidates: Sequence[Path]) -> Path | None:
-    """Return the first file that is a product with this fingerprint."""
-    for path in candidates:
-        with contextlib.suppress(FormatError):
-            if products.read_fingerprint(path) == fingerprint:
-                return path
-    return None
+def _stands(path: Path, fingerprint: str) -> bool:
+    """Whether a file is still the product with this fingerprint."""
+    with contextlib.suppress(FormatError):
+        return products.read_fingerprint(path) == fingerprint
+    return False
 
 
 def _cache() -> Cache | None:

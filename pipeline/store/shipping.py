@@ -19,7 +19,6 @@ from objectfolder.products.provenance import file_digest
 from pipeline.dataset import products
 from pipeline.dataset.job import Job
 from pipeline.dataset.task import Call, Outcome, failure_of
-from pipeline.store import memo
 from pipeline.store.input_cache import InputCache, open_cache
 from pipeline.store.storage import Store, disk_error, product_name, source_name
 
@@ -49,12 +48,12 @@ class StoredInput:
         """Its name in the store."""
         if not self.is_product:
             return source_name(self.content)
-        return product_name(self.content, memo.memo_name(Path(self.place)))
+        return product_name(self.content, products.kind_name(Path(self.place)))
 
     def check(self, path: Path) -> None:
         """Raise FormatError unless the file at `path` is this one, whole."""
         if self.is_product:
-            memo.check_product(path, self.content)
+            products.check(path, self.content)
         elif file_digest(path) != self.content:
             raise FormatError(str(path), "another content than its name says", "Run again.")
 
@@ -96,7 +95,7 @@ class Shipment(Call):
     ) -> Outcome:
         targets = tuple(folder / "made" / target.parent.name / target.name for target in self.targets)
         names = _product_names(self)
-        check = functools.partial(memo.check_product, fingerprint=self.fingerprint)
+        check = functools.partial(products.check, fingerprint=self.fingerprint)
         outcome = Outcome(self.request.object_id, fingerprint=self.fingerprint)
         if all(store.size(name) for name in names):
             return outcome
@@ -105,7 +104,7 @@ class Shipment(Call):
             return outcome
         inputs = self._fetch(store, cache, folder)
         request = replace(self.request, inputs=inputs)
-        outcome = execute(replace(self, request=request, targets=targets, memo=None))
+        outcome = execute(replace(self, request=request, targets=targets, state=None))
         if outcome.failure is None:
             for name, target in zip(names, targets, strict=True):
                 cache.add(name, target)
@@ -155,12 +154,12 @@ def publish(job: Job, store: Store) -> Shipment:
             raise InputError(path.name, "an input was removed during the run", "Run again.") from error
         except FormatError as error:
             raise InputError(path.name, "changed since the run began", "Run again.") from error
-    call = replace(job.call, request=replace(job.call.request, inputs={}), memo=None)
+    call = replace(job.call, request=replace(job.call.request, inputs={}), state=None)
     return Shipment(**vars(call), inputs=inputs, url=store.url)
 
 
-def collect(job: Job, root: Path, store: Store) -> None:
-    """Put a finished job's products into place, each verified, and into the memo of the data set at `root`.
+def collect(job: Job, store: Store) -> None:
+    """Put a finished job's products into place, each verified.
 
     Raises
     ------
@@ -170,11 +169,12 @@ def collect(job: Job, root: Path, store: Store) -> None:
         The store or the disk fails.
     """
     call = job.call
-    folder = call.memo or memo.memo_folder(root, call.fingerprint)
-    if memo.restore(folder, call.targets, store):
+    names = _product_names(call)
+    if store.get_all(names, call.targets) and products.are_whole(call.targets, call.fingerprint):
         return
-    for name in _product_names(call):
+    for name, target in zip(names, call.targets, strict=True):
         store.remove(name)
+        target.unlink(missing_ok=True)
     finding = f"the product of {call.stage} of {job.object_id} is missing or damaged"
     raise FormatError(store.url, finding, "Run again.")
 
@@ -192,7 +192,7 @@ def _stored_inputs(job: Job) -> dict[str, StoredInput]:
 
 
 def _product_names(call: Call) -> list[str]:
-    return [product_name(call.fingerprint, memo.memo_name(target)) for target in call.targets]
+    return [product_name(call.fingerprint, products.kind_name(target)) for target in call.targets]
 
 
 def _send(store: Store, names: list[str], targets: tuple[Path, ...]) -> None:

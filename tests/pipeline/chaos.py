@@ -19,7 +19,7 @@ class Watcher:
 
     def __init__(self, ground: Ground) -> None:
         self._root = ground.root
-        self._patterns = [*(f"{folder}/*" for folder in ground.folders), ".objectfolder/memo/*/*/*"]
+        self._patterns = [f"{folder}/*" for folder in ground.folders]
         self._seen: dict[Path, tuple[int, int, int]] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)

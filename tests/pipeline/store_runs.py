@@ -46,7 +46,7 @@ class Elsewhere:
             try:
                 outcome = publish(job, self._store).run(self._run)
                 if outcome.failure is None:
-                    collect(job, self._root, self._store)
+                    collect(job, self._store)
             except FormatError:
                 self._jobs.append(job)
                 continue

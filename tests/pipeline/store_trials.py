@@ -24,7 +24,7 @@ from objectfolder.errors import ObjectFolderError
 from pipeline.dataset import products
 from pipeline.dataset.task import Call, Outcome
 from pipeline.sandbox.child import execute
-from pipeline.store import memo, shared, shipping
+from pipeline.store import shared, shipping
 from pipeline.store.storage import PATIENCE, STORE, product_name
 
 READ_TIMEOUT_S, LATE_S, PATIENCE_S = 0.5, 0.8, 3.0
@@ -55,7 +55,7 @@ class Trials:
         toys.executed()
         self.expected = made(toys)
         self._stored = {
-            product_name(products.read_fingerprint(path), memo.memo_name(path)): self.expected[name]
+            product_name(products.read_fingerprint(path), products.kind_name(path)): self.expected[name]
             for name in self.expected
             for path in [toys.root / name]
         }

@@ -15,7 +15,6 @@ from pipeline.dataset import products
 from pipeline.dataset.stages import OBJECT_FILES, VIEWS
 from pipeline.run import run_record
 from pipeline.sandbox import scratch
-from pipeline.store import memo
 
 HELD = """
 import sys, time
@@ -42,15 +41,13 @@ def used(tmp_path, monkeypatch):
     for kind in (VIEWS, OBJECT_FILES):
         (root / kind.folder).mkdir(parents=True)
     products.write(VIEWS.path(root, "mug"), Product({}, {}), "a" * 64, {})
-    for name in ("a", "b"):
-        folder = memo.memo_folder(root, name * 64)
-        products.write(folder / "views.zarr.zip", Product({}, {}), name * 64, {})
     for name in (
         f"{VIEWS.folder}/.mug.zarr.zip.x1.partial",
         f"{OBJECT_FILES.folder}/.mug.safetensors.x2.partial",
         ".objectfolder/.verified.json.x3.partial",
         ".objectfolder/shared-0a",
         ".objectfolder/players/0a.1",
+        ".objectfolder/memo/0a/views.zarr.zip",  # as earlier versions kept products
         ".objectfolder/costs.csv",
         ".objectfolder/verified.json",
         "runs/20260101T000000Z-aa.jsonl",
@@ -103,7 +100,7 @@ def test_nothing_is_removed_unless_asked_for(used, capsys):
     root, dead = used
     before = files(root)
     assert run(root) == 0
-    assert run(root, "--dry-run", "--memo") == 0
+    assert run(root, "--dry-run") == 0
     assert files(root) == before
     assert dead.exists()
     shown = capsys.readouterr().out
@@ -145,6 +142,7 @@ def test_what_is_left_over_goes_and_all_else_stays(used, capsys):
         ".objectfolder/.verified.json.x3.partial",
         ".objectfolder/shared-0a",
         ".objectfolder/players/0a.1",
+        ".objectfolder/memo/0a/views.zarr.zip",
         "reports/.odd.partial",
     }  # the oldest record is an output of DVC's in this set
     assert not dead.exists()
@@ -160,16 +158,6 @@ def test_old_records_go_where_nothing_names_them(used):
     (root / "dvc.lock").unlink()
     run(root, "--yes")
     assert [path.name[:8] for path in run_record.records(root)] == ["20260102", "20260103"]
-
-
-def test_the_memo_keeps_what_the_data_set_holds(used):
-    root, _ = used
-    run(root, "--yes")
-    assert len(list(memo.memo_base(root).glob("*/*/*"))) == 2
-    run(root, "--yes", "--memo")
-    assert [path.parent.name for path in memo.memo_base(root).glob("*/*/*")] == ["a" * 64]
-    VIEWS.path(root, "mug").write_bytes(b"damaged")
-    run(root, "--memo")
 
 
 def test_refused_while_a_run_goes_on(used, capsys):

@@ -1,6 +1,5 @@
 """The scenarios of a stage that converges, executions counted."""
 
-import os
 from contextlib import nullcontext
 
 import pytest
@@ -43,6 +42,7 @@ def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
     toys.converge()
     toys.executed()
     path = kind.path(toys.root, "cup")
+    toys.commit()
     whole = path.read_bytes()
     middle = bytearray(whole)
     middle[len(whole) - 3 if kind is FILES else len(whole) // 4] ^= 1
@@ -54,7 +54,7 @@ def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
     }
     path.write_bytes(damaged[damage])
     toys.converge()
-    assert toys.executed() == []  # the memo has it
+    assert toys.executed() == []  # DVC's cache has it
     assert path.read_bytes() == whole
 
 
@@ -66,8 +66,7 @@ def test_a_product_under_another_name_is_not_taken_for_its_own(toys):
     assert read_attributes(INGESTED.path(toys.root, "cup"))["digests"]["shape"] == "2.0"
 
 
-def test_one_of_two_kinds_missing_makes_both(toys, monkeypatch):
-    monkeypatch.setenv("OBJECTFOLDER_MEMO_GB", "0")
+def test_one_of_two_kinds_missing_makes_both(toys):
     toys.converge()
     toys.executed()
     QUALITY.path(toys.root, "cup").unlink()
@@ -120,7 +119,6 @@ def test_longest_expected_first(toys):
     costs.write_text("\n".join([*rows, ",".join(slow)]) + "\n" + "cup,ingest,cut sho")
     for name in toys.rows:
         INGESTED.path(toys.root, name).unlink()
-    os.rename(toys.root / ".objectfolder" / "memo", toys.root / "gone")
     runner.order.clear()
     toys.converge(toys.ingest, runner_for=lambda jobs: nullcontext(runner))
     assert runner.order[0] == "ingest dish"  # the longest last time
@@ -145,7 +143,6 @@ def test_flow_and_stages_one_by_one_make_the_same_bytes(toys):
     flowed = {path: path.read_bytes() for path in toys.root.glob("data/*/*")}
     for path in flowed:
         path.unlink()
-    os.rename(toys.root / ".objectfolder" / "memo", toys.root / "gone")
     toys.converge()
     assert {path: path.read_bytes() for path in toys.root.glob("data/*/*")} == flowed
 

@@ -64,11 +64,9 @@ def test_killed_at_random_moments(ground, objects, place, what):
     assert disturbed.watcher.reads >= len(expected)
 
 
-def test_killed_between_the_two_kinds_of_a_stage(toys, monkeypatch):
+def test_killed_between_the_two_kinds_of_a_stage(toys):
     toys.converge()
     toys.executed()
-    monkeypatch.setenv("OBJECTFOLDER_MEMO_GB", "0")
-    toys.converge()
     # What a kill after the first of two commits leaves: one new file, one of before.
     old = QUALITY.path(toys.root, "cup").read_bytes()
     toys.rows["cup"]["material"] = {"stiffness": 9.0}

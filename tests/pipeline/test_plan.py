@@ -34,6 +34,7 @@ def test_what_is_kept_restored_and_computed_is_what_a_run_then_does(toys: Toys) 
     toys.flow()
     assert counts(planned(toys)) == {"ingest": (3, 0, 0), "tune": (3, 0, 0), "encode": (3, 0, 0)}
     toys.executed()
+    toys.commit()
     toys.add("vase", "4.0")
     (toys.root / "data" / "files" / "cup.safetensors").unlink()
     expected = counts(planned(toys))
@@ -52,10 +53,9 @@ def test_planning_changes_nothing(toys: Toys) -> None:
     assert toys.executed() == []
 
 
-def test_without_the_memo_what_is_missing_is_computed(toys: Toys) -> None:
+def test_what_is_missing_in_the_cache_too_is_computed(toys: Toys) -> None:
     toys.flow()
     (toys.root / "data" / "files" / "cup.safetensors").unlink()
-    shutil.rmtree(toys.root / ".objectfolder" / "memo")
     assert counts(planned(toys))["encode"] == (2, 0, 1)
 
 

@@ -23,7 +23,7 @@ def test_experiments_in_a_temporary_copy_do_what_is_left(repository):
         return repository.executed()
 
     assert experiment() == []
-    # The products of the checkout come along, its memo does not.
+    # The products of the checkout come along.
     changed = experiment("-n", "seven", "-S", "sizes.default.vision.training_views=7")
     assert changed == sorted(f"{stage} {object_id}" for stage in ("tune", "encode") for object_id in OBJECTS)
     assert repository.run("git", "status", "--porcelain").stdout == status

@@ -21,7 +21,6 @@ from pipeline.dataset.stages import OBJECTS, STAGES
 from pipeline.dataset.task import Call, Request
 from pipeline.sandbox.child import execute
 from pipeline.sandbox.isolation import Child, ChildSettings
-from pipeline.store import memo
 from pipeline.store.input_cache import InputCache
 from pipeline.store.shipping import collect, publish
 from pipeline.store.storage import STORE, Store, product_name, source_name
@@ -65,7 +64,7 @@ def test_worker_sees_no_path_of_the_driver(toys, store):
 
     def run(call: Call):
         seen.append([*call.request.inputs.values(), *call.targets])
-        assert call.memo is None
+        assert call.state is None
         return execute(call)
 
     flow(toys, elsewhere(toys.root, run))
@@ -219,13 +218,13 @@ def test_a_product_damaged_in_the_store_is_not_collected(toys, store):
     name = product_name(job.call.fingerprint, "ingested.zarr.zip")
     (store / name).write_bytes((store / name).read_bytes()[:-5])
     with pytest.raises(FormatError, match="missing or damaged"):
-        collect(job, toys.root, store_of_both)
+        collect(job, store_of_both)
     assert not (store / name).exists()
     assert not job.call.targets[0].exists()
     toys.executed()
     assert publish(job, store_of_both).run(execute).failure is None  # the worker still has it
     assert toys.executed() == []
-    collect(job, toys.root, store_of_both)
+    collect(job, store_of_both)
     products.verify(job.call.targets[0])
 
 
@@ -249,7 +248,7 @@ def test_a_child_process_takes_a_shipment_as_it_takes_a_call(toys, store):
     assert outcome.failure is None
     assert outcome.wall_s > 0
     assert not job.call.targets[0].exists()
-    collect(job, toys.root, store_of_both)
+    collect(job, store_of_both)
     products.verify(job.call.targets[0])
     assert toys.executed() == ["ingest ball"]
 
@@ -328,7 +327,7 @@ def _jobs(toys, stage) -> list[Job]:
             stage.targets(toys.root, object_id),
             wanted,
             provenance,
-            memo.memo_folder(toys.root, wanted),
+            toys.root / products.STATE,
         )
         jobs.append(Job(call, inputs=prepared.inputs))
     return jobs
@@ -351,6 +350,5 @@ def _forget(toys, store) -> None:
     for path in (
         *toys.root.glob("data/*/*"),
         *store.rglob("*/*/*.*"),
-        *toys.root.glob(".objectfolder/memo/*/*/*"),
     ):
         path.unlink()

@@ -15,10 +15,12 @@ from toys import FILES, QUALITY, REPOSITORY, TUNED
 
 from objectfolder.errors import InputError, MissingPackageError, SimulationError
 from pipeline.dataset import products
-from pipeline.store import memo, shared
+from pipeline.store import shared
+from pipeline.store.product_cache import ProductCache
 from pipeline.store.storage import PATIENCE, STORE, Store, product_name, source_name
 
 FINGERPRINT = "ab" * 32
+MD5 = "0a" * 16
 NAME = product_name(FINGERPRINT, "views.zarr.zip")
 
 
@@ -89,7 +91,7 @@ def test_names_are_fingerprints_and_kinds_and_nothing_else(name, tmp_path):
     assert Store(f"file://{tmp_path}").size(source_name(FINGERPRINT)) is None
 
 
-def test_products_come_from_the_store_where_data_and_memo_are_gone(toys, url, monkeypatch):
+def test_products_come_from_the_store_where_data_are_gone(toys, url, monkeypatch):
     monkeypatch.setenv(STORE, url)
     toys.converge()
     assert len(toys.executed()) == 9
@@ -107,7 +109,7 @@ def test_a_stage_with_two_products_counts_only_when_both_are_there(toys, bucket,
     toys.executed()
     fingerprint = products.read_fingerprint(_written(first, QUALITY.path(toys.root, "cup")))
     s3_server.client(server).delete_object(
-        Bucket=bucket, Key=product_name(fingerprint, memo.memo_name(QUALITY.path(toys.root, "cup")))
+        Bucket=bucket, Key=product_name(fingerprint, products.kind_name(QUALITY.path(toys.root, "cup")))
     )
     toys.converge()
     assert toys.executed() == ["encode cup"]
@@ -125,7 +127,7 @@ def test_a_damaged_entry_is_made_anew_and_made_good(toys, bucket, server, monkey
     first = _take_away(toys)
     toys.executed()
     path = _written(first, kind.path(toys.root, "cup"))
-    key = product_name(products.read_fingerprint(path), memo.memo_name(path))
+    key = product_name(products.read_fingerprint(path), products.kind_name(path))
     whole = path.read_bytes()
     broken = bytearray(whole)
     broken[len(whole) // 2 if kind is FILES else len(whole) // 4] ^= 1
@@ -315,28 +317,34 @@ def test_disk_full_names_the_folder_and_leaves_nothing_half_written(side, tmp_pa
     assert answer["left"] == []
 
 
-def test_an_experiment_in_a_copy_has_the_memo_of_its_original(tmp_path):
-    copy = tmp_path / ".dvc" / "tmp" / "exps" / "tmpabc"
-    assert memo.memo_folder(copy, FINGERPRINT) == memo.memo_folder(tmp_path, FINGERPRINT)
-    assert memo.memo_folder(tmp_path / "exps" / "x", FINGERPRINT) != memo.memo_folder(tmp_path, FINGERPRINT)
+def test_an_experiment_in_a_copy_has_the_cache_of_its_original(tmp_path):
+    (tmp_path / ".dvc").mkdir()
+    (tmp_path / ".dvc" / "config.local").write_text("[cache]\n    dir = ../elsewhere\n")
+    cached = ProductCache(tmp_path).path(MD5)
+    assert cached.resolve() == tmp_path / "elsewhere" / "files" / "md5" / MD5[:2] / MD5[2:]
+    assert ProductCache(tmp_path / ".dvc" / "tmp" / "exps" / "tmpabc").path(MD5) == cached
+    assert ProductCache(tmp_path / "exps" / "x").path(MD5) != cached
 
 
-def test_the_memo_of_another_checkout_serves_as_a_store(toys, tmp_path_factory, monkeypatch):
+def test_a_damaged_copy_in_the_cache_goes(toys):
     toys.converge()
+    toys.commit()
     toys.executed()
-    other = tmp_path_factory.mktemp("other")
-    (toys.root / ".objectfolder").rename(other / ".objectfolder")
-    first = _take_away(toys)
-    monkeypatch.setenv(STORE, f"file://{other}/.objectfolder/memo")
+    path = TUNED.path(toys.root, "cup")
+    whole = path.read_bytes()
+    cached = ProductCache(toys.root).path(products.md5_of(path))
+    cached.write_bytes(whole[:-7])
+    path.unlink()
     toys.converge()
-    assert toys.executed() == []
-    assert {path: path.read_bytes() for path in first} == first
+    assert toys.executed() == ["tune cup"]
+    assert path.read_bytes() == whole
+    assert not cached.exists()
 
 
 def _take_away(toys) -> dict[Path, bytes]:
-    """Remove all products and the memo; return what the products were."""
+    """Remove all products; return what they were."""
     first = {path: path.read_bytes() for path in toys.root.glob("data/*/*")}
-    for path in [*first, *toys.root.glob(".objectfolder/memo/*/*/*")]:
+    for path in first:
         path.unlink()
     return first
 

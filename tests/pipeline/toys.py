@@ -9,11 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.dataset.job import Finished, Job
+from pipeline.dataset.manifest import list_products
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import TENSORS, ProductKind
 from pipeline.dataset.stage import ProductInput, Stage
+from pipeline.dataset.verified import Verified
 from pipeline.run.converge import RunnerFor, Summary, converge
 from pipeline.sandbox.child import execute
+from pipeline.store.product_cache import ProductCache
+from pipeline.store.storage import copy_file
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -156,6 +160,14 @@ class Toys:
     def flow(self, *stages: Stage, runner_for: RunnerFor | None = None) -> list[Summary]:
         """Converge stages at once."""
         return converge(stages or self.stages, self.root, self.parameters, self.rows, runner_for or here)
+
+    def commit(self) -> None:
+        """Put all products into DVC's cache, as DVC does, and note which they are."""
+        cache = ProductCache(self.root)
+        entries = list_products(self.root, self.stages, Verified(self.root))
+        for entry in entries:
+            copy_file(self.root / entry.path, cache.path(entry.md5))
+        cache.add(entries)
 
     def save(self) -> None:
         """Write what a driver process needs."""

@@ -1,6 +1,6 @@
 """``objectfolder plan``: the tasks and costs of a run before it starts.
 
-Objects are counted as `pipeline.run.status` finds them: current ones are kept, those in the memo restored,
+Objects are counted as `pipeline.run.status` finds them: current ones are kept, those in DVC's cache restored,
 the rest computed; so is, at most, whatever waits for an input that does not exist yet. Seconds, memory and
 bytes are those of `pipeline.run.forecast.estimates`.
 
@@ -27,7 +27,7 @@ from pipeline.run.flow_progress import duration
 from pipeline.run.forecast.estimates import Estimate, Estimates
 from pipeline.run.status import CURRENT, WAITING, Status, status
 from pipeline.sandbox.host_memory import total_bytes
-from pipeline.store import memo
+from pipeline.store.product_cache import ProductCache
 
 MEMORY_SHARE = 0.9  # of a host, that tasks may take
 
@@ -147,7 +147,7 @@ def plan(
     stages: Sequence[Stage] = tuple(STAGES.values()),
 ) -> Plan:
     """Return the plan for the listed objects as they stand, also for other numbers of `workers`."""
-    estimates = Estimates(root, parameters)
+    estimates, cache = Estimates(root, parameters), ProductCache(root)
     by_name = {stage.name: stage for stage in stages}
     counts: Counter[tuple[str, str]] = Counter()
     tasks: dict[str, dict[str, Estimate]] = {}
@@ -156,7 +156,7 @@ def plan(
             continue  # no longer listed
         if one.state == CURRENT:
             counts[one.stage, "kept"] += 1
-        elif _in_memo(root, by_name[one.stage], one):
+        elif _is_cached(cache, root, by_name[one.stage], one):
             counts[one.stage, "restored"] += 1
         else:
             tasks.setdefault(one.object_id, {})[one.stage] = estimates.of(one.stage, one.object_id)
@@ -177,11 +177,9 @@ def machines_of(place: Place) -> Machines:
     return Machines(hosts, tasks or os.cpu_count() or 1, memory_bytes or int(MEMORY_SHARE * total_bytes()))
 
 
-def _in_memo(root: Path, stage: Stage, one: Status) -> bool:
-    folder = memo.memo_folder(root, one.wanted)
-    targets = stage.targets(root, one.object_id)
+def _is_cached(cache: ProductCache, root: Path, stage: Stage, one: Status) -> bool:
     known = one.state != WAITING and one.wanted != ""
-    return known and all((folder / memo.memo_name(path)).is_file() for path in targets)
+    return known and bool(cache.files(one.wanted, stage.targets(root, one.object_id)))
 
 
 def _plan(

@@ -1,0 +1,99 @@
+"""Earlier products in DVC's cache, found by what they were made from, so that none is made twice.
+
+DVC names files by their content. ``.objectfolder/products.csv`` says which fingerprint has which content: a
+line for each product that a manifest of this checkout ever listed. What DVC's cache lacks may come from a
+shared store (`pipeline.store.shared`).
+"""
+
+import configparser
+import functools
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pipeline.dataset import products
+from pipeline.dataset.manifest import Entry
+from pipeline.store import shared
+from pipeline.store.storage import copy_file, disk_error, product_name
+
+INDEX = Path(products.STATE) / "products.csv"
+LINE = re.compile(r"([0-9a-f]{64}),([a-z_]+\.[a-z.]+),([0-9a-f]{32})")
+
+
+class ProductCache:
+    """DVC's cache of the data set at `root`.
+
+    A copy in which DVC runs an experiment (``dvc exp run --temp``) has the cache of its original.
+    """
+
+    def __init__(self, root: Path) -> None:
+        parents = root.parents
+        in_copy = len(parents) > 3 and [folder.name for folder in parents[:3]] == ["exps", "tmp", ".dvc"]
+        self._root = parents[3] if in_copy else root
+
+    def path(self, md5: str) -> Path:
+        """Return where a file with this content lies, if the cache has it."""
+        return self._folder / md5[:2] / md5[2:]
+
+    def add(self, entries: Iterable[Entry]) -> None:
+        """Note products that DVC will take into its cache."""
+        lines = [
+            f"{entry.fingerprint},{products.kind_name(Path(entry.path))},{entry.md5}\n" for entry in entries
+        ]
+        if lines:
+            with (self._root / INDEX).open("a", encoding="ascii") as file:
+                file.write("".join(lines))
+
+    def files(self, fingerprint: str, targets: Sequence[Path]) -> list[Path]:
+        """Return the cached files of the products that belong to `targets`; none unless all are there."""
+        names = ((fingerprint, products.kind_name(target)) for target in targets)
+        files = [self.path(self._index[name]) for name in names if name in self._index]
+        return files if len(files) == len(targets) and all(path.is_file() for path in files) else []
+
+    def restore(self, fingerprint: str, targets: Sequence[Path]) -> bool:
+        """Put products in place from DVC's cache, or the shared store; False unless all are there and whole.
+
+        Damaged copies are removed.
+
+        Raises
+        ------
+        InputError
+            A store that cannot be used as it is named, or a folder that cannot be written.
+        SimulationError
+            The disk is full.
+        """
+        cached = self.files(fingerprint, targets)
+        for source, target in zip(cached, targets, strict=False):
+            try:
+                copy_file(source, target)
+            except OSError as error:
+                raise disk_error(error, target.parent) from error
+        if cached and products.are_whole(targets, fingerprint):
+            return True
+        for path in cached:
+            if products.md5_of(path) != "".join(path.parts[-2:]):
+                path.unlink()
+        names = [product_name(fingerprint, products.kind_name(target)) for target in targets]
+        if not shared.fetch(names, targets):
+            return False
+        if not products.are_whole(targets, fingerprint):
+            shared.discard(names)
+            return False
+        return True
+
+    @functools.cached_property
+    def _index(self) -> dict[tuple[str, str], str]:
+        """MD5 by fingerprint and name; a line that a kill cut short is passed over."""
+        try:
+            lines = (self._root / INDEX).read_text(encoding="ascii", errors="replace").splitlines()
+        except FileNotFoundError:
+            return {}
+        matches = filter(None, map(LINE.fullmatch, lines))
+        return {(match[1], match[2]): match[3] for match in matches}
+
+    @functools.cached_property
+    def _folder(self) -> Path:
+        own = self._root / ".dvc"
+        config = configparser.ConfigParser(interpolation=None)
+        config.read([own / "config", own / "config.local"], encoding="utf-8")
+        return own / config.get("cache", "dir", fallback="cache") / "files" / "md5"
