@@ -50,7 +50,7 @@ def declared() -> dict[str, dict[str, Any]]:
 def _recorded(stage: Stage) -> dict[str, Any]:
     """Return a stage that owns the folders of products, and hangs on its key of the manifest."""
     return {
-        "cmd": f"python -m pipeline.cli record {stage.name}",
+        "cmd": f"python -m pipeline.run.record {stage.name}",
         "params": [{str(MANIFEST): [f"stages.{stage.name}"]}],
         "outs": [{kind.folder: {"persist": True}} for kind in stage.products],
     }

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,8 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
         connect(place, root, jobs_at_most) as client,
         DaskRunner(client, root, place, environment) as running,
     ):
+        if link := client.dashboard_link:
+            print(f"Dask's dashboard: {link}", file=sys.stderr)
         yield running
 
 

@@ -130,7 +130,7 @@ def removable(root: Path) -> list[Removable]:
         entry("run records", "older than the last ones", run_record.excess(root)),
         entry("damaged products", "set aside and made again", (root / SET_ASIDE).glob("*/*")),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
-        entry("copies of products", "DVC's cache has them", (root / STATE).glob("memo")),
+        entry("copies of products", "kept by earlier versions", (root / STATE).glob("memo")),
         entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
     ]
 

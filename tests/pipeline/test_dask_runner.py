@@ -131,12 +131,13 @@ def test_a_task_that_no_worker_can_run_is_refused_and_the_rest_goes_on(local):
 
 
 @pytest.mark.slow
-def test_what_kills_its_worker_fails_alone(toys):
+def test_what_kills_its_worker_fails_alone(toys, capfd):
     """Tasks that ran or waited on the worker that dies run again."""
     jobs = [job(toys, "poison", KILL_WORKER), *(job(toys, f"good_{index}") for index in range(3))]
     with dask.config.set({"distributed.scheduler.allowed-failures": 1}), runner(TWO, toys.root, 4) as started:
         poison, *good = run(started, *jobs)
         end_workers()  # Dask asks workers at the end of a run; one that is gone is no failure
+    assert "Dask's dashboard: http" in capfd.readouterr().err
     assert "workers died under it" in poison.outcome.failure.error
     assert not any(end.outcome.failure for end in good)
 
