@@ -18,6 +18,7 @@ import yaml
 
 from bench.factory.overhead_repository import REPOSITORY, OverheadRepository, stage_per_object
 from bench.record import arguments, conclude, cpu_seconds, save, subplots
+from pipeline.dataset.stages import STAGES
 
 BARS = {"nothing to do": 3.0, "one object changed": 5.0, "status": 2.0}
 Act = Callable[[], object]
@@ -48,7 +49,7 @@ def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
 
     def status() -> None:
         found = json.loads(repository.run("python", "-m", "pipeline.cli", "status", "--json").stdout)
-        if len(found) != 6 * objects or any(one["state"] != "current" for one in found):
+        if len(found) != len(STAGES) * objects or any(one["state"] != "current" for one in found):
             raise RuntimeError("not all is current")
 
     acts: dict[str, tuple[Act | None, Act]] = {
@@ -65,7 +66,7 @@ def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
                 prepare()
             seconds[name].append(seconds_of(act))
             print(f"{name}: {seconds[name][-1]:.2f} CPU-s", flush=True)
-    return {"objects": objects, "stages": 6, "products_found_by_dvc_cpu_s": first, "cpu_s": seconds}
+    return {"objects": objects, "stages": len(STAGES), "products_found_by_dvc_cpu_s": first, "cpu_s": seconds}
 
 
 def populate(root: Path) -> tuple[str, ...]:
@@ -100,7 +101,7 @@ def measure_dvc(root: Path) -> float:
 def summary(ours: dict[str, Any], rival: dict[str, Any], start: float) -> dict[str, Any]:
     """Return medians against the bars, and the rival's cost an object carried on to as many objects."""
     medians = {name: statistics.median(values) for name, values in ours["cpu_s"].items()}
-    share = 6 * ours["objects"] / rival["objects"]
+    share = ours["stages"] * ours["objects"] / rival["objects"]
     return {
         **ours,
         "median_cpu_s": medians,

@@ -66,23 +66,16 @@ def list_products(root: Path, stages: Iterable[Stage], verified: Verified) -> li
 def write_manifest(
     root: Path, stages: Sequence[Stage], failures: Iterable[FailedObject], verified: Verified
 ) -> list[Entry]:
-    """Write ``data/products.csv`` and ``data/manifest.json`` of what lies in the folders now.
-
-    Returns
-    -------
-    list of Entry
-        The products that the manifest did not list before.
-    """
+    """Write ``data/products.csv`` and ``data/manifest.json`` of what lies in the folders now; return it."""
     failed = (
         Entry(failure.object, failure.stage, "", failure.fingerprint, failure=failure.error)
         for failure in failures
     )
-    present, before = list_products(root, stages, verified), set(read_products(root).values())
-    entries = [*present, *failed]
+    entries = [*list_products(root, stages, verified), *failed]
     _write_entries(root, entries)
     summary = {stage.name: _summary([one for one in entries if one.stage == stage.name]) for stage in stages}
     write_whole(root / MANIFEST, json.dumps({"stages": summary}, indent=1) + "\n")
-    return [entry for entry in present if entry not in before]
+    return entries
 
 
 def read_products(root: Path) -> dict[str, Entry]:

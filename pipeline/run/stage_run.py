@@ -82,13 +82,13 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
         return runner(where, root, jobs, stages)
 
     refused = [FailedObject.of("objects", one) for one in selected.refused if "objects" in names]
-    verified = Verified(root)
-    set_damaged_aside(root, read_products(root), verified)
+    verified, cache, listed = Verified(root), ProductCache(root), read_products(root)
+    cache.add(listed.values())
+    set_damaged_aside(root, listed, verified)
     verified.save()
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
     verified = Verified(root)
-    new = write_manifest(root, tuple(STAGES.values()), read_failures(root), verified)
-    ProductCache(root).add(new)
+    cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), verified))
     verified.save()
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""

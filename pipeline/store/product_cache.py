@@ -1,7 +1,7 @@
 """Earlier products in DVC's cache, found by what they were made from, so that none is made twice.
 
 DVC names files by their content. ``.objectfolder/products.csv`` says which fingerprint has which content: a
-line for each product that a manifest of this checkout ever listed. What DVC's cache lacks may come from a
+line for each product that a manifest in this checkout ever listed. What DVC's cache lacks may come from a
 shared store (`pipeline.store.shared`).
 """
 
@@ -36,11 +36,17 @@ class ProductCache:
         return self._folder / md5[:2] / md5[2:]
 
     def add(self, entries: Iterable[Entry]) -> None:
-        """Note products that DVC will take into its cache."""
-        lines = [
-            f"{entry.fingerprint},{products.kind_name(Path(entry.path))},{entry.md5}\n" for entry in entries
-        ]
+        """Note products of a manifest, which DVC has in its cache, or will take into it."""
+        named = {
+            (entry.fingerprint, products.kind_name(Path(entry.path))): entry.md5
+            for entry in entries
+            if entry.path
+        }
+        new = {name: md5 for name, md5 in named.items() if self._index.get(name) != md5}
+        lines = [f"{fingerprint},{name},{md5}\n" for (fingerprint, name), md5 in new.items()]
+        self._index.update(new)
         if lines:
+            (self._root / INDEX).parent.mkdir(exist_ok=True)
             with (self._root / INDEX).open("a", encoding="ascii") as file:
                 file.write("".join(lines))
 
@@ -63,16 +69,16 @@ class ProductCache:
             The disk is full.
         """
         cached = self.files(fingerprint, targets)
-        for source, target in zip(cached, targets, strict=False):
-            try:
-                copy_file(source, target)
-            except OSError as error:
-                raise disk_error(error, target.parent) from error
-        if cached and products.are_whole(targets, fingerprint):
+        damaged = [path for path in cached if products.md5_of(path) != "".join(path.parts[-2:])]
+        for path in damaged:
+            path.unlink()
+        if cached and not damaged:
+            for source, target in zip(cached, targets, strict=True):
+                try:
+                    copy_file(source, target)
+                except OSError as error:
+                    raise disk_error(error, target.parent) from error
             return True
-        for path in cached:
-            if products.md5_of(path) != "".join(path.parts[-2:]):
-                path.unlink()
         names = [product_name(fingerprint, products.kind_name(target)) for target in targets]
         if not shared.fetch(names, targets):
             return False
