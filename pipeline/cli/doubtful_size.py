@@ -22,7 +22,7 @@ def confirm_size(building: "Building", material: "Material") -> None:
     doubts = doubts_before_building(building, material)
     if not doubts:
         return
-    finding = " and ".join(doubts)
+    finding = "; ".join(doubts)
     if sys.stdin.isatty() and sys.stderr.isatty():
         print(f"{building.mesh}: {finding}. Build it? [y/N] ", end="", file=sys.stderr, flush=True)
         if sys.stdin.readline().strip().lower() in ("y", "yes"):

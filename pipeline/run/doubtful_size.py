@@ -39,10 +39,10 @@ def size_doubts(mesh: "TexturedMesh", described: DescribedObject, material: "Mat
         normalised = any(abs(extent - number) <= 1e-6 * number for number in NORMALISED_M)
         doubts.append(f"{extent:.4g} m long by the file{', as if normalised' if normalised else ''}")
     mass_kg = stated_kg or (solid_kg if described.shell_m is None else 0.0)
-    if mass_kg > HEAVY_KG:
-        doubts.append(f"{mass_kg:.0f} kg of {material.name}")
     if stated_kg and is_solid and not 1 / MASS_FACTOR <= solid_kg / stated_kg <= MASS_FACTOR:
         doubts.append(f"{stated_kg:.3g} kg stated, where a solid of {material.name} has {solid_kg:.3g} kg")
+    elif mass_kg > HEAVY_KG:
+        doubts.append(f"{mass_kg:.0f} kg of {material.name}")
     return doubts
 
 

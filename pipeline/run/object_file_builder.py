@@ -47,4 +47,4 @@ def build(
 def _refuse_doubtful_size(building: Building, material: "Material") -> None:
     if doubts := doubts_before_building(building, material):
         remedy = size_remedy(building, "length_m", "mass_kg", "material")
-        raise InputError(str(building.mesh), " and ".join(doubts), f"{remedy}, or give any_size=True.")
+        raise InputError(str(building.mesh), "; ".join(doubts), f"{remedy}, or give any_size=True.")

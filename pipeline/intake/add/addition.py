@@ -163,7 +163,7 @@ def check_object(wanted: Wanted) -> Checked:
     walls = WallMeasures(**product.attributes["walls"])
     warnings, findings = wanted.findings(product.attributes, material)
     if doubts := size_doubts(mesh, wanted, material):
-        warnings.append(f"{' and '.join(doubts)}: is that meant?{_units(mesh, wanted)}")
+        warnings.append(f"{'; '.join(doubts)}: is that meant?{_units(mesh, wanted)}")
     row = _row(wanted, object_id, material.name, licence)
     layout = layout_of(wanted.mesh, wanted.texture)
     return Checked(object_id, row, layout, product, material, walls, findings, tuple(warnings))
