@@ -26,15 +26,15 @@ class SmallPage(Page):
         return {path: (name, content.replace(old, new)) for path, (name, content) in files.items()}
 
 
-def served(*paths: Path) -> AbstractContextManager[Server]:
+def served(*paths: Path, token: str = "") -> AbstractContextManager[Server]:
     """Serve Object Files while the context lasts."""
-    return served_page(page_of_objects(LiveObjects(paths)))
+    return served_page(page_of_objects(LiveObjects(paths)), token)
 
 
 @contextmanager
-def served_page(page: Page) -> Iterator[Server]:
+def served_page(page: Page, token: str = "") -> Iterator[Server]:
     """Serve a page while the context lasts."""
-    server = Server(SmallPage(**vars(page)))
+    server = Server(SmallPage(**vars(page)), token=token)
     loop, stopped = asyncio.new_event_loop(), asyncio.Event()
 
     def run() -> None:

@@ -9,6 +9,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -19,9 +22,9 @@ import pytest
 import objectfolder
 from objectfolder.errors import InputError
 from pipeline.cli import main
-from pipeline.publish.viewer.live import Server, page_of_objects
+from pipeline.publish.viewer.live import Query, Server, page_of_objects
 from pipeline.publish.viewer.live_queries import LiveObjects
-from tests.viewer.live_servers import served
+from tests.viewer.live_servers import served, served_page
 
 JSON = {"Content-Type": "application/json"}
 DOWN = {"origin": [0, 0, 1], "direction": [0, 0, -1]}
@@ -248,6 +251,43 @@ from pipeline.publish.viewer.live_queries import LiveObject
 work = lambda _: (os.write(1, b"at work\n"), threading.Event().wait())
 LiveObject.warm_images = LiveObject.warm_contacts = work
 """
+
+
+def test_a_token_is_asked_for_where_the_address_has_one(small_file):
+    with served(small_file, token="3xyz") as server:
+        assert server.address.endswith("/?token=3xyz")
+        assert asked(server, "GET", "/?token=3xyz")[0] == 200
+        for path in ("/object", "/object?token=", "/object?token=3xy", "/object?token=%C3%A9"):
+            status, _, body = asked(server, "POST", path, "{}", JSON)
+            assert (status, b"Glass bar" in body) == (403, False)
+        assert asked(server, "POST", "/object?token=3xyz", "{}", JSON)[0] == 200
+
+
+def test_a_question_that_nobody_waits_for_is_dropped(small_file, monkeypatch):
+    entered, leave, closed, answered = threading.Event(), threading.Event(), threading.Event(), []
+    drop = Query.on_connection_close
+    monkeypatch.setattr(Query, "on_connection_close", lambda self: (drop(self), closed.set()))
+
+    def answer(number, question):
+        answered.append(question["number"])
+        entered.set()
+        assert leave.wait(60)
+        return {}, b""
+
+    questions = {"wait": (answer, ThreadPoolExecutor(1))}
+    page = replace(page_of_objects(LiveObjects([small_file])), warm=(), questions=questions)
+    with served_page(page) as server, contextlib.ExitStack() as left:
+        port = urlsplit(server.address).port
+        asking = [http.client.HTTPConnection("127.0.0.1", port, timeout=60) for _ in range(3)]
+        for number, connection in enumerate(asking):
+            left.callback(connection.close)
+            connection.request("POST", "/wait", json.dumps({"number": number}), JSON)
+            assert entered.wait(60)
+        asking[1].close()
+        assert asked(server, "GET", "/")[0] == 200  # by when the server has seen that
+        leave.set()
+        assert asking[2].getresponse().status == 200
+    assert answered == [0, 2]
 
 
 @pytest.mark.parametrize("before", ["", WORKING], ids=["idle", "at work"])

@@ -1,18 +1,22 @@
 """A page and what answers it, served to the browser of this machine; and the page of Object Files.
 
 It listens on 127.0.0.1. Requests under any other name of host are refused, so that no page of the web
-reaches it through a name that points here, and so are those that another page's script sends.
+reaches it through a name that points here, and so are those that another page's script sends. Where other
+people are at work on the machine, the address has a token, which every question must bring.
 Nothing is read from disk by a path that a request names.
 """
 
 import asyncio
+import contextlib
+import hmac
 import json
 import os
+import secrets
 import signal
 import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,6 +33,8 @@ from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS
 
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
+TOKEN = "token"
+FIRST_USER, NOBODY = 1000, 65_534  # ids of people on Linux
 IMAGE_THREADS = 4  # as many parts as the page asks for at once
 FILES_OF = "*.safetensors"  # a folder
 STYLES = ("player.css", "live.css")
@@ -90,6 +96,19 @@ class Query(Guarded):
     def initialize(self, answer: Callable[[int, Any], Answer], threads: ThreadPoolExecutor) -> None:
         """Take what answers, and where."""
         self._answer, self._threads = answer, threads
+        self._answering: Future[Answer] | None = None
+
+    def prepare(self) -> None:
+        """Check the token, too."""
+        super().prepare()
+        token = self.get_query_argument(TOKEN, "").encode()
+        if not hmac.compare_digest(token, self.settings["token"].encode()):
+            raise HTTPError(403, reason="not the address that was printed")
+
+    def on_connection_close(self) -> None:
+        """Drop a question that nobody waits for any more, unless it is being answered."""
+        if self._answering is not None:
+            self._answering.cancel()
 
     async def post(self) -> None:
         """Answer JSON: the length of a JSON header in four bytes, the header, the bytes."""
@@ -100,9 +119,10 @@ class Query(Guarded):
             if not isinstance(asked, dict):
                 raise ValueError("not a JSON object")
             number = int(self.get_query_argument("object", "0"))
-            header, payload = await asyncio.get_running_loop().run_in_executor(
-                self._threads, self._answer, number, asked
-            )
+            self._answering = self._threads.submit(self._answer, number, asked)
+            header, payload = await asyncio.wrap_future(self._answering)
+        except asyncio.CancelledError:  # dropped
+            return
         except (ObjectFolderError, ValueError, OSError, RecursionError) as error:
             self.set_status(400)
             self.finish({"error": str(error)})
@@ -148,7 +168,7 @@ class Page:
 
 
 class Server:
-    """A page that listens at `address`; port 0 takes a free one.
+    """A page that listens at `address`; port 0 takes a free one. Questions need the token, if there is one.
 
     Raises
     ------
@@ -156,13 +176,14 @@ class Server:
         A port that is taken or may not be used.
     """
 
-    def __init__(self, page: Page, port: int = 0) -> None:
+    def __init__(self, page: Page, port: int = 0, token: str = "") -> None:
         try:
             self._sockets = bind_sockets(port, ADDRESS)
         except (OSError, OverflowError) as error:
             raise InputError("--port", f"{port}: {error}", "Name another one, or 0 for any.") from error
         self._port = self._sockets[0].getsockname()[1]
-        self.address = f"http://{ADDRESS}:{self._port}/"
+        self._token = token
+        self.address = f"http://{ADDRESS}:{self._port}/" + (f"?{TOKEN}={token}" if token else "")
         self._page = page
 
     async def serve(self, until: Awaitable[Any]) -> None:
@@ -176,6 +197,7 @@ class Server:
             default_handler_class=Guarded,
             hosts={f"{name}:{self._port}" for name in (ADDRESS, "localhost")},
             files=files,
+            token=self._token,
             log_function=lambda _: None,
         )
         server = HTTPServer(application, max_body_size=LARGEST_REQUEST, max_buffer_size=2 * LARGEST_REQUEST)
@@ -222,6 +244,15 @@ def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:
     serve_until_stopped(paths[0], page_of_objects(LiveObjects(found)), port, open_browser)
 
 
+def is_shared() -> bool:
+    """Return whether other people are at work on this machine: whether processes of theirs run."""
+    users = set()
+    for entry in os.scandir("/proc"):
+        with contextlib.suppress(OSError):  # it has ended
+            users.add(entry.stat().st_uid)
+    return any(FIRST_USER <= user < NOBODY for user in users - {os.getuid()})
+
+
 def one_thread_each() -> None:
     """Let libraries compute each answer on one core: it is small, and waiting threads would only delay it.
 
@@ -240,7 +271,7 @@ def serve_until_stopped(shown: Path, page: Page, port: int, open_browser: bool) 
     InputError
         A port that cannot be had.
     """
-    server = Server(page, port)
+    server = Server(page, port, secrets.token_urlsafe(16) if is_shared() else "")
 
     async def serve() -> None:
         stopped = asyncio.Event()

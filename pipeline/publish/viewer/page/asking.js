@@ -1,12 +1,12 @@
 // Questions to the program behind a page, and the images that it answers.
 "use strict";
 (function (viewer) {
-  // A question: JSON there; a JSON header and bytes back.
-  async function ask(path, question) {
+  // A question: JSON there; a JSON header and bytes back, unless a signal ends the waiting.
+  async function ask(path, question, signal) {
     const response = await fetch(`${path}${location.search}`, {
-      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question),
-    }).catch(() => {
-      throw new Error("The program does not answer. Is it still running?");
+      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question), signal,
+    }).catch((error) => {
+      throw signal?.aborted ? error : new Error("The program does not answer. Is it still running?");
     });
     if (!response.ok) throw new Error((await response.json()).error);
     const bytes = await response.arrayBuffer();

@@ -16,7 +16,11 @@
     list.append(...objects.map((one, number) => new Option(one, number)));
     list.value = new URLSearchParams(location.search).get("object") ?? "0";
     list.parentElement.hidden = objects.length < 2;
-    list.addEventListener("change", () => location.assign(`?object=${list.value}`));
+    list.addEventListener("change", () => {
+      const asked = new URLSearchParams(location.search);
+      asked.set("object", list.value);
+      location.assign(`?${asked}`);
+    });
     const panel = viewer.mount(place, object);
     object.failed = (error) => panel.say(error.message);
   } catch (error) {

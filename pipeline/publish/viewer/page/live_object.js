@@ -35,6 +35,7 @@
         view: { camera_to_world: orbit.cameraToWorld(), light_position: orbit.lightPosition(), studio: orbit.studio }, moving, shown,
       };
       this.canvas.dataset.state = "drawing";
+      this.unneeded?.abort();
       if (!this.busy) this._drawWanted();
     }
 
@@ -60,22 +61,27 @@
       }
     }
 
-    // Asks for the image in parts of equal height, and for no more of them when something else is wanted.
+    // Asks for the image in parts of equal height. Of a fine one the program drops those that wait when another view
+    // is wanted; a coarse one is shown first, or a view that turns would never be seen.
     async _image(view, { resolution, sub_rays, parts = 1 }, shown, unfinished = false) {
       const start = performance.now();
       const rgb = new Uint8Array(3 * resolution ** 2);
       const high = resolution / parts;
       let next = 0;
+      this.unneeded = parts > 1 ? new AbortController() : null;
+      const signal = this.unneeded?.signal;
       const fill = async () => {
         while (next < resolution && !(next && this.wanted)) {
           const row = next;
           next += high;
-          const { payload } = await ask("render", { ...view, resolution, sub_rays, rows: [row, high] });
+          const { payload } = await ask("render", { ...view, resolution, sub_rays, rows: [row, high] }, signal);
           rgb.set(new Uint8Array(payload), 3 * resolution * row);
         }
       };
-      await Promise.all(Array.from({ length: AT_ONCE }, fill));
-      if (next < resolution) return;
+      await Promise.all(Array.from({ length: AT_ONCE }, fill)).catch((error) => {
+        if (!signal?.aborted) throw error;
+      });
+      if (next < resolution || signal?.aborted) return;
       viewer.paint(this.context, resolution, resolution, rgb);
       const took = performance.now() - start;
       if (resolution <= COARSE.resolution) this.coarse = took > SLOW_MS ? COARSEST : COARSE;

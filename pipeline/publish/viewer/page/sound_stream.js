@@ -25,7 +25,7 @@
       player.port.onmessage = ({ data }) => counted(Object.assign(this, data));
       const { port1, port2 } = new MessageChannel();
       player.port.postMessage(port1, [port1]);
-      const worker = new Worker("sound_worker.js");
+      const worker = new Worker(`sound_worker.js${location.search}`);
       const running = () => context.state === "running";
       context.onstatechange = () => worker.postMessage({ running: running() });
       return new Promise((_, fail) => {
