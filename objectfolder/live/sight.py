@@ -14,7 +14,7 @@ from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composi
 from objectfolder.live.scene_light import SceneLight, earlier_scene_lights
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
 from objectfolder.object_file.object_file import ObjectFile
-from objectfolder.query_values import real, real_array
+from objectfolder.query_values import real, real_array, require_room
 from objectfolder.renaming import renamed_keywords
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, image_size
 from objectfolder.vision.compositing import on_white
@@ -27,6 +27,7 @@ SceneLights = ArrayLike | Lamps | Environment | Sequence[ArrayLike | Lamps | Env
 # Shadow rays begin this share of their way off the surface.
 OFF = 1e-3
 STILL_PIXELS = 0.1  # that an object may move while a moving image shows it as it was
+LAYER_BYTES = 40  # a pixel: colours, depth and which body, with copies
 
 
 @dataclass(frozen=True)
@@ -128,9 +129,12 @@ class LiveSight:
         Raises
         ------
         QueryError
-            A pose that is not finite or not rigid, values out of range.
+            A pose that is not finite or not rigid, values out of range, an image larger than memory allows.
         """
         camera, size = real_array("camera_to_world", camera_to_world), image_size(resolution)
+        layer_bytes = LAYER_BYTES * size[0] * size[1]
+        remedy = "Ask for fewer pixels."
+        require_room("resolution", layer_bytes * (len(self._drawable) + 2), remedy)
         poses = {name: finite_pose(self._simulation, name) for name in self._drawable}
         view, table = self._seen_from(camera, size, float(field_of_view_deg))
         drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}

@@ -36,7 +36,7 @@ from pipeline.cli.usage import UsageError, usage_line
 USAGE, INTERRUPTED, UNREAD = 2, 130, 141
 DVC_STAGE = "DVC_STAGE"  # DVC sets this for the commands of stages
 PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+NO_SPACE, NO_DESCRIPTOR = (errno.ENOSPC, errno.EDQUOT), (errno.EMFILE, errno.ENFILE)
 # Extras of pyproject.toml that have a package which `factory` lacks.
 EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
 COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
@@ -121,6 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from pipeline.store.storage import disk_error
 
             print_error(disk_error(error, Path(error.filename or _fullest_folder())))
+        elif error.errno in NO_DESCRIPTOR:
+            print_error("too many files are open at once. Raise the limit: ulimit -n 1024.")
         elif error.filename is not None:
             print_error(f"{error.filename}: {error.strerror}. Check the path and its permissions.")
         else:

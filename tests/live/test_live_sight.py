@@ -173,6 +173,11 @@ def test_a_body_that_is_not_there_or_flies_off_is_named(files, still):
         LiveSight(lost, {"cup": files["cup"]}).image(CAMERA)
 
 
+def test_an_image_that_does_not_fit_into_memory_is_refused(files, still):
+    with pytest.raises(QueryError, match=r"resolution: .* GB, more than"):
+        LiveSight(still, files).image(CAMERA, 1 << 20)
+
+
 def test_one_ray_a_pixel_is_the_radiance_at_its_centre(files, still):
     lamp, pose = np.array([[0.4, -0.6, 0.8]]), still.pose("cup")
     sight = LiveSight(

@@ -137,6 +137,7 @@ def test_a_stage_that_is_none_is_told_from_those_there_are(capsys: pytest.Captur
         (PermissionError(errno.EACCES, "Permission denied", "x.npy"), 1, "x.npy: Permission denied."),
         (OSError(errno.ENOSPC, "No space left on device", "x.npy"), 1, "x.npy"),
         (OSError(errno.ENOSPC, "No space left on device"), 1, "full-folder"),
+        (OSError(errno.EMFILE, "Too many open files", "x.npy"), 1, "ulimit -n 1024"),
         (FileNotFoundError(errno.ENOENT, "No usable temporary directory found"), 1, "Set TMPDIR"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
