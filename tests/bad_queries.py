@@ -101,6 +101,9 @@ SOUND: dict[str, Query] = {
     **_each("strike", "modes", [-1, 1.5, "all", NAN, [1], True], **STRUCK),
     **_each("strike", "pulse", [0, -1, NAN, INF, "short", [0.001, 0.001], 1e-13, 1e9, {}], **STRUCK),
     **_each("strike", "pulse", [0.001], points=TOP, forces_n=np.zeros((1, 4, 3))),
+    **_each("strike", "velocities_m_s", ["fast", [], [NAN, 0, 0], [DOWN, DOWN]], points=TOP, pulse="steel"),
+    **_each("strike", "velocities_m_s", [DOWN], points=TOP),
+    **_each("strike", "velocities_m_s", [DOWN], pulse="steel", **STRUCK),
     **_each("strike", "observed", ["ear", 5, None, [1, 2], [NAN, 0, 0], [1.0, 0, 0], MANY, []], **STRUCK),
     **_each("strike", "listener", ["ear", 5, [1, 2], [NAN, 0, 0], [INF, 0, 0], [1e200, 0, 0], [1e9, 0, 0], MANY, []], **STRUCK),
     **_each("strike", "support", ["hand", 5, [TOP]], **STRUCK),
@@ -120,7 +123,7 @@ SOUND: dict[str, Query] = {
         {"points": "here"}, {"points": [1.0, 0, 0]}, {"points": []}, {"stiffness_n_m": -1}, {"stiffness_n_m": NAN},
         {"stiffness_n_m": "stiff"}, {"damping_n_s_m": [1, 2]}, {"damping_n_s_m": 1e300}, {"stiffness_n_m": 1e300})},
     **{f"ContactBody{c}": lambda file, c=c: file.strike(**STRUCK, pulse=ContactBody(*c)) for c in (
-        (-1, 0.3, 0.01, 0.1), (NAN, 0.3, 0.01, 0.1), (1e9, 0.7, 0.01, 0.1), (1e9, 0.3, -1, 0.1), (1e9, 0.3, 0.01, 0), ("hard", 0.3, 0.01, 0.1))},
+        (-1, 0.3, 0.01, 0.1), (NAN, 0.3, 0.01, 0.1), (1e9, 0.7, 0.01, 0.1), (1e9, 0.3, -1, 0.1), (1e9, 0.3, 0.01, 0), ("hard", 0.3, 0.01, 0.1), (1e9, 0.3, 0.01, 0.1, 0.0), (1e9, 0.3, 0.01, 0.1, 1.1))},
 }  # fmt: skip
 
 PRESSED = {"points": TOP}

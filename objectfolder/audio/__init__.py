@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from objectfolder.audio.synthesis.force import driven_bank
     from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
     from objectfolder.audio.synthesis.object_stream import ObjectStream
-    from objectfolder.audio.synthesis.sound import Sound
+    from objectfolder.audio.synthesis.sound import Sound, StrikeEnergy
     from objectfolder.audio.synthesis.sound_queries import SoundQueries
     from objectfolder.audio.synthesis.support import Support
     from objectfolder.audio.synthesis.voices import Voices
@@ -28,7 +28,7 @@ else:
             "synthesis.force": ["driven_bank"],
             "synthesis.hertz": ["ContactBody", "HertzContact", "mass_at_contact"],
             "synthesis.object_stream": ["ObjectStream"],
-            "synthesis.sound": ["Sound"],
+            "synthesis.sound": ["Sound", "StrikeEnergy"],
             "synthesis.sound_queries": ["SoundQueries"],
             "synthesis.support": ["Support"],
             "synthesis.voices": ["Voices"],
@@ -45,6 +45,7 @@ __all__ = [
     "ObjectStream",
     "Sound",
     "SoundQueries",
+    "StrikeEnergy",
     "Support",
     "Voices",
     "driven_bank",

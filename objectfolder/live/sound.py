@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.audio.synthesis.collision import collide
+from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.hertz import LEAST_RESTITUTION, HertzContact
 from objectfolder.audio.synthesis.roughness import LENGTH_M, RoughProfile
 from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Simulation, Touching, finite_pose
@@ -23,6 +26,7 @@ SAMPLE_RATE_HZ, BLOCK_SAMPLES = 44100.0, 512
 # Engines leave bodies at rest in motion: they fall for a step, then are pushed up. What closes more slowly
 # than a fall of two steps does not collide; with steps of 2 ms that is 39 mm/s, a drop by .08 mm.
 STEPS_OF_FALL = 2
+CORRECTIONS = 2  # of a speed that passes on an impulse; the rest, below 1 %, is a factor of the force
 LOOK_S = 8e-3  # between looks at what lasts
 # Young's modulus in pascals and Poisson's ratio of wood, as in the table of materials.
 WOOD = (1.1e10, 0.25)
@@ -38,22 +42,27 @@ class Impact:
     bodies : names of the two
     point_m : (3,) in the world
     impulse_n_s : (3,) on the second body, in the world; the first takes its opposite
-    duration_s : of the contact, by Hertz
+    profile : how the impulse is spent
     """
 
     time_s: float
     bodies: tuple[str, str]
     point_m: Floats
     impulse_n_s: Floats
-    duration_s: float
+    profile: ForceProfile
+
+    @property
+    def duration_s(self) -> float:
+        """Of the contact."""
+        return self.profile.duration_s
 
 
 class LiveSound:
     """The sound of a simulation's objects at a listener, made while it runs.
 
-    A collision is a half-sine pulse of Hertz's duration on both bodies, with the impulse (1 + e) m v of the
-    approach. A contact that lasts pushes both by the slopes of their rough surfaces, times the force between
-    them, as it runs along these; and it damps both.
+    In a collision Hertz's spring, the modes of both bodies and their motion as a whole are moved together
+    until they part. A contact that lasts pushes both by the slopes of their rough surfaces, times the force
+    between them, as it runs along these; and it damps both.
 
     Parameters
     ----------
@@ -64,7 +73,7 @@ class LiveSound:
     listener_m
         (3,) in the world. Distances are those at the start: the model of the air has no direction.
     restitution
-        e of every collision, 0 to 1.
+        e of every collision, 0 to 1, if nothing rang; less than .01 is taken as .01.
     others
         Young's modulus in pascals and Poisson's ratio of bodies without a file.
     known
@@ -152,7 +161,7 @@ class LiveSound:
     def strike(self, body: str, point_m: Floats, impulse_n_s: Floats) -> None:
         """Let a body ring as a hammer of the `others` material strikes it now; the engine is told apart.
 
-        The contact lasts as long as a collision of the whole body with such a wall, by Hertz.
+        It collides with such a wall, at the speed at which that passes the impulse on.
 
         Parameters
         ----------
@@ -169,11 +178,12 @@ class LiveSound:
         if body not in self._bodies:
             raise QueryError("body", f"{body!r} has no Object File", f"Strike {' or '.join(self._bodies)}.")
         struck, impulse = self._bodies[body], real_array("impulse_n_s", impulse_n_s)
-        speed_m_s = float(np.linalg.norm(impulse)) / ((1 + self._restitution) * struck.mass_kg)
-        if speed_m_s > 0:
-            duration_s = float(struck.matter.against(self._others, struck.mass_kg).duration_s(speed_m_s))
+        size = float(np.linalg.norm(impulse))
+        if size > 0:
+            contact = struck.matter.against(self._others, struck.mass_kg)
+            speed_m_s = float(contact.speed_m_s(size, self._restitution))
             point, bodies = real_array("point_m", point_m), ("hammer", body)
-            self._sound(Impact(self._simulation.time_s, bodies, point, impulse, duration_s))
+            self._sound(self._simulation.time_s, bodies, point, impulse / size, contact, speed_m_s, size)
 
     def _body(self, name: str, file: ObjectFile, listener_m: Floats) -> HeardBody:
         mass_kg, pose = self._simulation.mass_kg(name), finite_pose(self._simulation, name)
@@ -214,20 +224,31 @@ class LiveSound:
     def _strike(self, time_s: float, one: Touching) -> None:
         first, second = (self._matter(name) for name in one.bodies)
         contact = first.against(second, self._simulation.mass_at_kg(one))
-        size = contact.impulse_n_s(one.approach_m_s, self._restitution)
-        duration_s = float(contact.duration_s(one.approach_m_s))
-        self._sound(Impact(time_s, one.bodies, one.point_m, size * one.normal, duration_s))
+        self._sound(time_s, one.bodies, one.point_m, one.normal, contact, one.approach_m_s)
 
-    def _sound(self, impact: Impact) -> None:
-        """Let both bodies ring."""
-        self.impacts.append(impact)
-        for name, sign in zip(impact.bodies, (-1.0, 1.0), strict=True):
+    def _sound(
+        self, time_s: float, bodies: tuple[str, str], point_m: Floats, normal: Floats, contact: HertzContact,
+        speed_m_s: float, impulse_n_s: float | None = None,
+    ) -> None:  # fmt: skip
+        """Let two bodies collide at a speed, or at one near it that passes on an impulse, and ring."""
+        sides = []
+        for name, sign in zip(bodies, (-1.0, 1.0), strict=True):
             if name in self._bodies:
                 body, pose = self._bodies[name], finite_pose(self._simulation, name)
-                point = body.nearest((impact.point_m - pose[:3, 3]) @ pose[:3, :3])
-                force = sign * impact.impulse_n_s @ pose[:3, :3]
-                at = max((impact.time_s - self._start_s) * self._rate, body.stream.now)  # but for rounding
-                body.stream.strike(point, force, at=at, pulse=impact.duration_s)
+                motion = body.stream.motion(body.nearest((point_m - pose[:3, 3]) @ pose[:3, :3]))
+                sides.append((body.stream, motion, sign * normal @ pose[:3, :3]))
+        colliders = [stream.collider(motion, direction) for stream, motion, direction in sides]
+        restitution = max(self._restitution, LEAST_RESTITUTION)
+        collision = collide(colliders, contact, speed_m_s, restitution)
+        if impulse_n_s is not None:
+            for _ in range(CORRECTIONS):
+                speed_m_s *= impulse_n_s / collision.impulse_n_s
+                collision = collide(colliders, contact, speed_m_s, restitution)
+        size, profile = impulse_n_s or collision.impulse_n_s, collision.profile
+        self.impacts.append(Impact(time_s, bodies, point_m, size * normal, profile))
+        for stream, motion, direction in sides:
+            at = max((time_s - self._start_s) * self._rate, stream.now)  # but for rounding
+            stream.spend(motion, size * direction, at, profile)
 
     def _rub(self, begin: int) -> None:
         """Let contacts that last drive and damp the bodies for a block, which begins at a sample."""

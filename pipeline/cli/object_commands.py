@@ -19,7 +19,14 @@ from pipeline.cli.printing import (
     print_result,
     status_line,
 )
-from pipeline.publish.queries.requests import FittingOfSound, ModesOfMesh, Pressing, Rendering, Striking
+from pipeline.publish.queries.requests import (
+    Beater,
+    FittingOfSound,
+    ModesOfMesh,
+    Pressing,
+    Rendering,
+    Striking,
+)
 from pipeline.run.single_build import Building
 
 one_pulse = Group(show=False, validator=MutuallyExclusive())
@@ -149,6 +156,7 @@ def strike(
     *,
     wanted: Annotated[Striking, Fields] = ANY_STRIKES,
     pulse_s: Annotated[float | None, Parameter(group=one_pulse)] = None,
+    beater: Annotated[Beater | None, Parameter(group=one_pulse)] = None,
     striker: Annotated[tuple[str, float, float] | None, Parameter(group=one_pulse)] = None,
     output: Output,
     overwrite: Overwrite = False,
@@ -160,15 +168,18 @@ def strike(
     ----------
     pulse_s
         seconds: spend each impulse as half a sine of this length
+    beater
+        what strikes: a ball of wood, of steel, a fingertip, or an ideal impulse of 1 N s (default: wood, or
+        the impulses of --forces)
     striker
-        MATERIAL RADIUS MASS of what strikes, metres and kilograms: the pulse is that of the Hertz contact
+        MATERIAL RADIUS MASS of a ball that strikes instead, metres and kilograms
     output
         folder for 0000.wav and so on
     """
     with answers_folder(output, overwrite=overwrite), status_line(f"striking {file}"):
         from pipeline.publish.queries.answers import strike_points
 
-        summary = strike_points(file, wanted, output, pulse_s, striker)
+        summary = strike_points(file, wanted, output, pulse_s, striker or beater)
     print_result(summary, json=json)
 
 

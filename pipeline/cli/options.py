@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 PLACE = "OBJECTFOLDER_CLUSTER"
-UNIT = re.compile(r"_(m|s|hz|kg|deg|n)$")
+UNIT = re.compile(r"_(m_s|m|s|hz|kg|deg|n)$")
 
 
 def option_name(name: str) -> str:

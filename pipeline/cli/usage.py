@@ -10,6 +10,7 @@ from objectfolder.errors import InputError
 UNITS = {
     "m": ("metres", {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}),
     "kg": ("kilograms", {"g": 1e-3, "kg": 1.0}),
+    "m_s": ("metres a second", {"cm/s": 1e-2, "m/s": 1.0}),
     "s": ("seconds", {"ms": 1e-3, "s": 1.0}),
     "hz": ("hertz", {"hz": 1.0, "khz": 1e3}),
     "n": ("newtons", {"n": 1.0, "mn": 1e-3}),
@@ -40,7 +41,8 @@ def usage_line(error: CycloptsError) -> str:
         words = ", ".join(error.unused_tokens or ())
         return f"{where}{words}: more arguments than the command takes. {more}"
     if isinstance(error, CoercionError) and error.argument is not None and error.token is not None:
-        unit = UNITS.get(error.argument.field_info.name.rpartition("_")[2])
+        field = error.argument.field_info.name
+        unit = UNITS.get("m_s" if field.endswith("_m_s") else field.rpartition("_")[2])
         if unit is not None or error.target_type is float:
             name, factors = unit or ("", ANY_UNIT)
             finding = (

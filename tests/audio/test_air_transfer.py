@@ -393,7 +393,7 @@ def struck(transfer: AirTransfer, sign: float = 1.0) -> StruckBody:
 
 def heard_at(body: StruckBody, places: np.ndarray) -> np.ndarray:
     force = np.array([[0.0, 0.0, 0.01]])
-    ((_, sound),) = body.sounds(np.zeros((1, 3)), force, 0.05, 44100.0, listeners=places)
+    ((_, sound, _),) = body.sounds(np.zeros((1, 3)), force, 0.05, 44100.0, listeners=places)
     return sound[0].astype(np.float64)
 
 

@@ -20,7 +20,7 @@ def hankel(order: int, x: np.ndarray, derivative: bool = False) -> np.ndarray:
 def click(listener: Listener, impulse: np.ndarray, mass: float, pulse: float | None, rate: float, n: int):
     oscillator, weights = listener.click_oscillator(rate)
     sound = np.empty((1, n))
-    ring(oscillator, weights, impulse[None] @ listener.click_gains(mass), sound, pulse_s=pulse)
+    ring(oscillator, weights, impulse[None] @ listener.click_gains(mass), sound, pulse=pulse)
     return sound[0]
 
 

@@ -11,7 +11,9 @@ from objectfolder.live.heard_body import HeardBody
 
 GRAVITY, STEP_S, RATE_HZ = 9.81, 0.002, 44_000.0  # 88 samples a step
 RADIUS_M = 0.06
-OTHERS = (1e9, 0.3), (1.1e10, 0.25), (2e11, 0.29)
+# So soft that the mug gives way as a rigid body: its modes swing many times while a contact lasts.
+OTHERS = (1e5, 0.3), (1e6, 0.25), (5e6, 0.29)
+WOOD = (1.1e10, 0.25)
 LISTENER_M = np.array([0.0, -0.5, 0.5])
 
 
@@ -50,7 +52,7 @@ def heard(simulation: MujocoSimulation, files, blocks: int, **given) -> tuple[np
 @pytest.mark.parametrize("height_m", [0.05, 0.2])
 def test_a_ball_that_falls_strikes_when_and_as_hard_as_mechanics_says(mug, height_m):
     simulation = world({"mug": (0, 0, RADIUS_M + height_m)}, mass_of(mug))
-    sound, impacts = heard(simulation, {"mug": mug}, 30, restitution=0.3)
+    sound, impacts = heard(simulation, {"mug": mug}, 30, restitution=0.3, others=OTHERS[1])
     first = impacts[0]
     speed = np.sqrt(2 * GRAVITY * height_m)
     assert first.time_s == pytest.approx(speed / GRAVITY, abs=2 * STEP_S)
@@ -74,27 +76,29 @@ def test_blocks_are_what_the_file_answers_at_once(mug):
     sign = 1 if first.bodies[1] == "mug" else -1
     # The ball touches the ground below its centre, at the foot of the mug's frame.
     point = mug.surface.closest_points(np.array([[0, 0, -RADIUS_M]])).points
-    wanted = mug.strike(
-        point, sign * first.impulse_n_s, 0.2, RATE_HZ, pulse=first.duration_s, listener=listener
-    )[0]
+    stream = mug.stream(RATE_HZ, listener=listener)
+    place = stream.motion(mug.surface.closest_points(point))
+    stream.spend(place, sign * first.impulse_n_s, 0, first.profile)
+    wanted = stream.block(round(0.2 * RATE_HZ))[0]
     start = round(first.time_s * RATE_HZ)
     count = 3000  # before the ball comes back
     np.testing.assert_allclose(sound[start : start + count], wanted[:count], atol=1e-6 * scale)
 
 
-def test_both_bodies_of_a_collision_ring_and_sounds_add_up(mug):
+def test_both_bodies_of_a_collision_ring_and_give_way(mug):
     places = {"left": (-RADIUS_M - 0.01, 0, 2.0), "right": (RADIUS_M + 0.01, 0, 2.0)}
-    material, sounds = mug.description["material"], {}
+    material, lasting = mug.description["material"], {}
     ceramic = material["youngs_modulus_pa"], material["poisson_ratio"]
     for files in (("left",), ("right",), ("left", "right")):
         simulation = world(places, mass_of(mug))
         simulation._data.qvel[0] = 1.0
-        sounds[files], impacts = heard(simulation, dict.fromkeys(files, mug), 20, others=ceramic)
+        sound, impacts = heard(simulation, dict.fromkeys(files, mug), 20, others=ceramic)
+        assert np.abs(sound).max() > 0
         collision = next(one for one in impacts if set(one.bodies) == {"left", "right"})
-        assert np.linalg.norm(collision.impulse_n_s) == pytest.approx(1.5 * mass_of(mug) / 2, rel=0.02)
-        assert np.abs(sounds[files]).max() > 0
-    both = sounds[("left", "right")]
-    np.testing.assert_allclose(both, sounds[("left",)] + sounds[("right",)], atol=1e-9 * np.abs(both).max())
+        # About what rigid bodies would pass on, for the modes give much of theirs back.
+        assert np.linalg.norm(collision.impulse_n_s) == pytest.approx(1.5 * mass_of(mug) / 2, rel=0.1)
+        lasting[files] = collision.duration_s
+    assert lasting["left", "right"] > max(lasting["left",], lasting["right",])
 
 
 def test_a_harder_material_is_struck_for_a_shorter_time(mug):
@@ -107,13 +111,13 @@ def test_a_harder_material_is_struck_for_a_shorter_time(mug):
     own = (1 - material["poisson_ratio"] ** 2) / material["youngs_modulus_pa"]
     compliances = np.array([own + (1 - nu**2) / modulus for modulus, nu in OTHERS])
     np.testing.assert_allclose(
-        np.array(durations) / durations[0], (compliances / compliances[0]) ** 0.4, rtol=1e-9
+        np.array(durations) / durations[0], (compliances / compliances[0]) ** 0.4, rtol=2e-3
     )
 
 
 def test_a_body_that_is_known_is_struck_as_of_its_matter(mug):
     durations = []
-    for stated in ({"others": OTHERS[1]}, {"others": OTHERS[0], "known": {"world": OTHERS[1]}}):
+    for stated in ({"others": WOOD}, {"others": OTHERS[0], "known": {"world": WOOD}}):
         simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
         durations.append(heard(simulation, {"mug": mug}, 20, **stated)[1][0].duration_s)
     assert durations[0] == durations[1]

@@ -315,7 +315,8 @@ def test_sampled_queries_feed_render_strike_and_press(
 
 
 def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path) -> None:
-    file, bar = str(small_file), objectfolder.load(small_file)
+    bar, file = objectfolder.load(small_file).with_description(body=BAR), str(tmp_path / "bar.safetensors")
+    bar.save(file)
     views, strikes, touches = tmp_path / "views", tmp_path / "strikes", tmp_path / "touches"
     assert main(["render", file, "--views", "2", "--seed", "4", "--resolution", "20", "-o", str(views)]) == 0
     for index, expected in enumerate(bar.render(*bar.sample_views(2, seed=4), resolution=20)):
@@ -324,7 +325,8 @@ def test_a_number_draws_queries_as_python_does(small_file: Path, tmp_path: Path)
     lying = ["--support", "lying"]
     assert main(["strike", file, *few, *lying, "--duration", "0.1", "--gain", "1", "-o", str(strikes)]) == 0
     points, normals = bar.sample_contacts(2, seed=5, reachable=False)
-    for index, expected in enumerate(bar.strike(points, -normals, duration_s=0.1, support="lying")):
+    struck = bar.strike(points, velocities_m_s=-normals, duration_s=0.1, pulse="wood", support="lying")
+    for index, expected in enumerate(struck):
         np.testing.assert_array_equal(wavfile.read(strikes / f"{index:04d}.wav")[1], expected)
     assert main(["press", file, *few, "-o", str(touches)]) == 0
     fitting, _ = bar.sample_contacts(2, seed=5)
@@ -369,7 +371,10 @@ def test_a_turntable_is_of_lit_pictures(
         ("sample FILE --anywhere --views 2 --contacts 3 -o out", {"views": 2, "contacts": 3}),
         ("render FILE --views 1 --resolution 16 -o out", {"images": 1, "height": 16, "passes": []}),
         ("render FILE --turntable --views 2 --resolution 16 -o out", {"images": 2, "turntable": True}),
-        ("strike FILE --points 2 --duration 0.05 -o out", {"sounds": 2, "unit": "m/s", "duration_s": 0.05}),
+        (
+            "strike FILE --beater impulse --points 2 --duration 0.05 -o out",
+            {"sounds": 2, "unit": "m/s", "duration_s": 0.05},
+        ),
         ("press FILE --points 1 -o out", {"touches": 1, "reachable": 1}),
         (
             "build box.stl --material steel -o out.safetensors",

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
@@ -25,6 +26,7 @@ from objectfolder.renaming import formerly_positional
 
 Floats = NDArray[np.float64]
 FLOOR_DB = -220.0
+Pulse = float | ArrayLike | list[ForceProfile] | None
 CHUNK_NUMBERS = 1 << 20  # of sound and of coefficients at once
 
 
@@ -92,11 +94,12 @@ def mode_bank(
     if given.ndim != 2 or given.shape[1] != len(oscillators):
         finding = f"shape {given.shape} for {len(oscillators)} modes"
         raise QueryError("amplitudes", finding, "Give (n, modes).")
+    durations = _durations(pulse_s, len(given))
     sound = sound_array(out, len(given), samples_of(duration_s, sample_rate_hz))
     columns = np.flatnonzero(oscillators.audible())
     sounding = oscillators.take(columns)
     weights = sounding.response_weights(response)
-    ring(sounding, weights, given, sound, columns, pulse_s=pulse_s, delay_s=delay_s, floor_db=floor_db)
+    ring(sounding, weights, given, sound, columns, pulse=durations, delay_s=delay_s, floor_db=floor_db)
     return sound
 
 
@@ -107,7 +110,7 @@ def ring(
     sound: NDArray[np.floating],
     columns: NDArray[np.int64] | None = None,
     *,
-    pulse_s: float | ArrayLike | None = None,
+    pulse: Pulse = None,
     delay_s: float = 0.0,
     floor_db: float = FLOOR_DB,
 ) -> None:
@@ -121,8 +124,10 @@ def ring(
         (n, all modes) of which `columns` are those of `oscillators`.
     sound
         (n, samples), overwritten.
+    pulse
+        Durations of half-sines, or a course of force for each.
     """
-    durations = _durations(pulse_s, len(amplitudes))
+    pulses = pulse if isinstance(pulse, list) else _durations(pulse, len(amplitudes))
     if not (math.isfinite(delay_s) and delay_s >= 0):
         raise QueryError("delay_s", f"{delay_s} s", "Give a delay that is not negative.")
     columns = np.arange(len(oscillators)) if columns is None else columns
@@ -132,11 +137,11 @@ def ring(
     begin = min(math.ceil(delay), sound.shape[1])
     left = sound.shape[1] - begin
     most = max(1, CHUNK_NUMBERS // max(1, left + 4 * len(columns)))
-    for rows, pulse in _groups(durations, len(amplitudes), most):
+    for rows, common in _groups(pulses, len(amplitudes), most):
         chunk = np.asarray(amplitudes[rows], dtype=np.float64)
         if not np.isfinite(chunk).all():
             raise QueryError("amplitudes", "not finite", "Give finite impulses.")
-        onset, coefficients = bank.onset(chunk[:, columns], pulse, math.ceil(delay) - delay, left)
+        onset, coefficients = bank.onset(chunk[:, columns], common, math.ceil(delay) - delay, left)
         # Written in place where the kernel can: pages of new memory cost more than the sound.
         in_place = isinstance(rows, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
         target = np.asarray(sound[rows]) if in_place else np.empty((len(chunk), sound.shape[1]))
@@ -190,9 +195,12 @@ def _durations(pulse_s: float | ArrayLike | None, contacts: int) -> Floats | Non
 
 
 def _groups(
-    durations: Floats | None, contacts: int, most: int
-) -> Iterator[tuple[slice | NDArray[np.int64], float | None]]:
-    """Rows of contacts with pulses of one duration, at most `most` at a time."""
+    durations: Floats | list[ForceProfile] | None, contacts: int, most: int
+) -> Iterator[tuple[slice | NDArray[np.int64], float | ForceProfile | None]]:
+    """Rows of contacts with pulses of one course, at most `most` at a time."""
+    if isinstance(durations, list):
+        yield from ((slice(row, row + 1), profile) for row, profile in enumerate(durations))
+        return
     if durations is None or len(durations) == 0 or (durations == durations[0]).all():
         count = contacts if durations is None else len(durations)
         common = None if durations is None or len(durations) == 0 else float(durations[0])

@@ -6,9 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from objectfolder.audio.synthesis.collision import Collider
 from objectfolder.audio.synthesis.earlier_forces import earlier_forces
+from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.struck_body import Motion, Observed, Pulse, Source, StruckBody, along
+from objectfolder.audio.synthesis.struck_body import (
+    Motion,
+    Observed,
+    Pulse,
+    Source,
+    StruckBody,
+    along,
+    named_striker,
+)
 from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.errors import QueryError
 from objectfolder.query_values import point_rows, real
@@ -109,16 +120,35 @@ class ObjectStream:
         places, forces = self._contacts(place, impulse_n_s, force_n)
         if len(forces) != 1:
             raise QueryError("point", f"{len(forces)} points", "Add contacts one by one.")
-        pulses = self._body.pulses(places.points, forces, pulse)
-        pulse_s = None if pulses is None else float(np.asarray(pulses).reshape(-1)[0])
-        motion = self._body.motion(places)
-        for channel in self._channels:
-            field = channel.field(motion)
-            if forces.ndim == 3:
+        pulse, motion = named_striker(pulse), self._body.motion(places)
+        if isinstance(pulse, ContactBody):
+            collisions = self._body.collisions(places.points, motion, forces, pulse)
+            self.spend(motion, collisions.impulses_n_s[0], at, collisions.profiles[0])
+        elif forces.ndim == 3:
+            self._body.durations(1, forces, pulse)
+            for channel in self._channels:
+                field = channel.field(motion)
                 channel.voices.push(field[0], forces[0], at=round(at) + channel.delay_samples)
-            else:
-                later = at + channel.delay_s * self._rate
-                channel.voices.strike(along(forces, field)[0], at=later, pulse_s=pulse_s)
+        else:
+            durations = self._body.durations(1, forces, pulse)
+            pulse_s = None if durations is None else float(np.asarray(durations).reshape(-1)[0])
+            self.spend(motion, forces[0], at, pulse_s)
+
+    def spend(
+        self, motion: Motion, impulse_n_s: Floats, at: float, pulse: float | ForceProfile | None
+    ) -> None:
+        """Let an impulse (3,) begin at a sample and a place, over half a sine, by a profile or at once."""
+        for channel in self._channels:
+            amplitudes = along(impulse_n_s[None], channel.field(motion))[0]
+            channel.voices.strike(amplitudes, at=at + channel.delay_s * self._rate, pulse_s=pulse)
+
+    def collider(self, motion: Motion, direction: Floats) -> Collider:
+        """Return the object as another body meets it that pushes along a unit vector (3,)."""
+        return Collider(self._body.vibrations, along(direction[None], motion.shapes)[0])
+
+    def motion(self, place: ClosestPoints) -> Motion:
+        """Return how the modes move at a place of the surface."""
+        return self._body.motion(place)
 
     def motions(self, points: Floats) -> list[Motion]:
         """Return how the modes move at points (n, 3) of the surface, for `drive`."""

@@ -9,20 +9,21 @@ numbers could become denormal.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.half_sine import HalfSine
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.ramps import held_steps, ramp_responses
 from objectfolder.errors import QueryError
 from objectfolder.jit import relaxed_kernel
 
 Floats = NDArray[np.float64]
 LOWEST_FLOOR_DB = -600.0  # beyond, numbers would leave the range of full precision
 STRIDE = 16
-SERIES_TERMS = 24
-SERIES_REACH = 1.0  # of (c + omega) h, up to which the Taylor series is summed
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,11 @@ class Resonators:
         steps = self.steps * np.exp(-added_per_s * seconds)
         return Resonators(self.oscillators, self.weights, self.order, self.lifetimes, steps)
 
+    @cached_property
+    def _held(self) -> dict[float, Floats]:
+        """`held_steps` by their length."""
+        return {}
+
     def coefficients(self, state: tuple[Floats, Floats], later: float) -> Floats:
         """Coefficients (n, 2, modes) some samples after displacements and velocities (n, modes)."""
         first = self.oscillators.coefficients(self.weights, *state)
@@ -117,7 +123,7 @@ class Resonators:
         return coefficients
 
     def onset(
-        self, amplitudes: Floats, pulse_s: float | None, ahead: float, most: int
+        self, amplitudes: Floats, pulse: float | ForceProfile | None, ahead: float, most: int
     ) -> tuple[Floats, Floats]:
         """Sounds (n, k) while a pulse lasts, k at most `most`, and coefficients (n, 2, modes) at sample k.
 
@@ -125,24 +131,30 @@ class Resonators:
         ----------
         amplitudes
             (n, modes) modal velocity that the whole impulse gives.
-        pulse_s
-            Duration of its half-sine; an ideal impulse if None.
+        pulse
+            How it is spent: over the duration of a half-sine, by a profile, or at once if None.
         ahead
             Samples (below 1) by which it began before the first.
         """
-        if pulse_s is None:
+        if pulse is None:
             state = (np.zeros_like(amplitudes), amplitudes)
             return np.zeros((len(amplitudes), 0)), self.coefficients(state, ahead)
-        pulse = HalfSine.of(self.oscillators, pulse_s)
-        ends = pulse_s * self.oscillators.sample_rate_hz - ahead
+        lasting_s = pulse.duration_s if isinstance(pulse, ForceProfile) else pulse
+        ends = lasting_s * self.oscillators.sample_rate_hz - ahead
         during = min(max(0, math.ceil(ends)), most)
         times = (np.arange(during) + ahead) / self.oscillators.sample_rate_hz
-        onset = pulse.forced(self.weights, amplitudes, times)
-        if during:
-            self.ring(
-                self.coefficients((amplitudes * pulse.start[0], amplitudes * pulse.start[1]), ahead), onset
-            )
-        state = (amplitudes * pulse.end[0], amplitudes * pulse.end[1])
+        if isinstance(pulse, ForceProfile):
+            if pulse.step_s not in self._held:
+                self._held[pulse.step_s] = held_steps(pulse.stepped(self.oscillators))
+            heard, end = pulse.response(self.oscillators, self.weights, self._held[pulse.step_s], times)
+            onset = amplitudes @ heard.T
+        else:
+            sine = HalfSine.of(self.oscillators, pulse)
+            onset, end = sine.forced(self.weights, amplitudes, times), sine.end
+            if during:
+                start = (amplitudes * sine.start[0], amplitudes * sine.start[1])
+                self.ring(self.coefficients(start, ahead), onset)
+        state = (amplitudes * end[0], amplitudes * end[1])
         return onset, self.coefficients(state, max(0.0, during - ends))
 
 
@@ -227,69 +239,3 @@ def _drive(
             b[j] = lower[1, j] * x + last[1, j] * y + kicks[0, 1, j] * now + kicks[1, 1, j] * then
             force[j] = then
         sound[k] += total
-
-
-def ramp_responses(oscillators: Oscillators) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-    """State after one sample from rest under a force falling from 1 to 0, and rising from 0 to 1.
-
-    With S the impulse response, I its integral and K that of I over the sample h, the rising force leaves
-    displacement K / h and velocity I / h; with the constant force, I and S, the falling one follows.
-
-    Returns
-    -------
-    tuple
-        ((modes,), (modes,)) displacement and velocity of each.
-    """
-    h = 1 / oscillators.sample_rate_hz
-    once, twice, thrice = _integrals(oscillators, h)
-    return (twice - thrice / h, once - twice / h), (thrice / h, twice / h)
-
-
-def _integrals(oscillators: Oscillators, h: float) -> tuple[Floats, Floats, Floats]:
-    """S(h), its integral and its second integral, (modes,) each, without cancellation."""
-    squares, damping = oscillators.eigenvalues, oscillators.dampings_per_s
-    first, second = (row[0] for row in oscillators.basis([1.0]))
-    with np.errstate(over="ignore", invalid="ignore"):
-        cosine_like = 1 - first - damping * second
-        once = second
-        twice = cosine_like / squares
-        thrice = (h - second - 2 * damping * twice) / squares
-    apart = oscillators.apart
-    if apart.any():
-        slow, fast = (rate[apart] for rate in oscillators.rates_per_s)
-        width = fast - slow
-        once, twice, thrice = once.copy(), twice.copy(), thrice.copy()
-        for target, order in ((once, 0), (twice, 1), (thrice, 2)):
-            target[apart] = h**order * (_phi(-slow * h, order) - _phi(-fast * h, order)) / width
-    small = (damping + np.sqrt(squares)) * h < SERIES_REACH
-    if small.any():
-        taylor = _taylor(squares[small], damping[small], h)
-        for target, values in zip((once, twice, thrice), taylor, strict=True):
-            target[small] = values
-    return once, twice, thrice
-
-
-def _taylor(squares: Floats, damping: Floats, h: float) -> tuple[Floats, Floats, Floats]:
-    """The same by S(h) = sum of s_k h^k / k!, s_0 = 0, s_1 = 1, s_(k+2) = -2 c s_(k+1) - lambda s_k."""
-    sums = [np.zeros_like(squares) for _ in range(3)]
-    before, now = np.zeros_like(squares), np.full_like(squares, h)  # s_k h^k
-    for k in range(1, SERIES_TERMS):
-        for order, total in enumerate(sums):
-            total += now * (h**order / math.factorial(k + order))
-        before, now = now, -2 * damping * h * now - squares * h * h * before
-    return sums[0], sums[1], sums[2]
-
-
-def _phi(z: Floats, order: int) -> Floats:
-    """exp(z), (exp(z) - 1) / z, (exp(z) - 1 - z) / z^2 for orders 0, 1, 2."""
-    if order == 0:
-        return np.exp(z)
-    safe = np.where(z == 0, 1.0, z)
-    once = np.where(z == 0, 1.0, np.expm1(safe) / safe)
-    if order == 1:
-        return once
-    series, near = np.zeros_like(z), np.clip(z, -1, 1)
-    for k in range(SERIES_TERMS, 1, -1):
-        series = 1 / math.factorial(k) + near * series
-    # The loop ends with 1 / 2! + z / 3! + ...
-    return np.where(np.abs(z) < 1, series, (once - 1) / safe)

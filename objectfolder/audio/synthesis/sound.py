@@ -1,15 +1,42 @@
 """A sound as an array that a notebook can play."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.wav import wav_bytes, write_wav
 from objectfolder.errors import QueryError
 from objectfolder.notebook import data_uri
 
 MOST_PLAYED = 4
+
+
+class StrikeEnergy(NamedTuple):
+    """Where the energy of a striker went, joules, (n,) each.
+
+    Attributes
+    ----------
+    striker : before
+    rebound : of the striker after
+    vibration : of the modes
+    motion : of the object as a whole
+    lost : to the contact and, while it lasted, to the damping of the modes
+    """
+
+    striker: NDArray[np.float64]
+    rebound: NDArray[np.float64]
+    vibration: NDArray[np.float64]
+    motion: NDArray[np.float64]
+    lost: NDArray[np.float64]
+
+    @classmethod
+    def of_all(cls, parts: "Sequence[StrikeEnergy | None]") -> "StrikeEnergy | None":
+        """Return those of all contacts from those of some each; None where there are none."""
+        known = [part for part in parts if part is not None]
+        return cls(*np.concatenate(known, axis=1)) if known else None
 
 
 class Sound(np.ndarray):
@@ -20,15 +47,17 @@ class Sound(np.ndarray):
     Attributes
     ----------
     sample_rate_hz : None for anything but rows of a sound
+    energy_j : of all strikes by a striker, where its energy went; None else
     """
 
     sample_rate_hz: float | None = None
+    energy_j: StrikeEnergy | None = None
 
     @classmethod
-    def of(cls, values: np.ndarray, sample_rate_hz: float) -> "Sound":
+    def of(cls, values: np.ndarray, sample_rate_hz: float, energy_j: StrikeEnergy | None = None) -> "Sound":
         """Return an array as a sound, without a copy."""
         sound = values.view(cls)
-        sound.sample_rate_hz = sample_rate_hz
+        sound.sample_rate_hz, sound.energy_j = sample_rate_hz, energy_j
         return sound
 
     def __array_finalize__(self, source: Any) -> None:

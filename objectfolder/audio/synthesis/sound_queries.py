@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.bank import samples_of
 from objectfolder.audio.synthesis.earlier_forces import earlier_forces
+from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.object_stream import ObjectStream
-from objectfolder.audio.synthesis.sound import Sound
+from objectfolder.audio.synthesis.sound import Sound, StrikeEnergy
 from objectfolder.audio.synthesis.struck_body import (
     CONTACT,
     RMS,
@@ -21,6 +22,7 @@ from objectfolder.audio.synthesis.struck_body import (
     RigidBody,
     StruckBody,
     along,
+    named_striker,
 )
 from objectfolder.audio.synthesis.support import Support
 from objectfolder.errors import FormatError, QueryError
@@ -37,6 +39,7 @@ LARGEST_FORCE = 1e12
 SAMPLE_RATES_HZ = (1.0, 1e8)
 LONGEST_S = 1e6
 MOST_MODES = 10**9  # that a query may name: more than there are stands for all
+Parts = Iterator[tuple[slice, NDArray[np.float32], StrikeEnergy | None]]
 LYING = "lying"  # `Support.lying` by name
 LEAST_KG = 1e-9  # of a body whose mass is not known
 
@@ -71,6 +74,7 @@ class SoundQueries:
         *,
         modes: int | None = None,
         forces_n: ArrayLike | None = None,
+        velocities_m_s: ArrayLike | None = None,
         pulse: Pulse = None,
         observed: str | ArrayLike = CONTACT,
         listener: ArrayLike | None = None,
@@ -83,8 +87,10 @@ class SoundQueries:
         points
             (3,) or (n, 3) contacts, metres, within `surface_tolerance_m` of the surface.
         impulses_n_s
-            (3,) or (n, 3) newton seconds (the papers' unit forces lasting one second). None, without forces,
-            strikes each point with 1 N s inwards, against the surface's normal.
+            (3,) or (n, 3) newton seconds (the papers' unit forces lasting one second). None, without forces
+            and velocities, strikes each point with 1 N s inwards, against the surface's normal, and a striker
+            with 1 m/s. Impulses with a striker are those that it would pass on to the object as a rigid body
+            without loss, and set its speed.
         duration_s
             Seconds.
         sample_rate_hz
@@ -94,10 +100,13 @@ class SoundQueries:
         forces_n
             In place of impulses: (k, 3) or (n, k, 3) newtons at the samples from t = 0 on, linear between
             them.
+        velocities_m_s
+            In place of impulses: (3,) or (n, 3) of the striker that `pulse` is.
         pulse
             How an impulse is spent: None, at once; seconds, one or (n,), as half a sine of that length; or
-            a `ContactBody` that strikes and parts again without loss, whose Hertz contact with the object
-            (flat where it is struck) gives the length.
+            what strikes, a `ContactBody`, ``"wood"``, ``"steel"`` or ``"finger"``. Striker, object and its
+            modes then move together through Hertz's contact, the object flat where it is struck, until they
+            part; the force acts along the velocity. `energy_j` of the sound is where the energy went.
         observed
             Where the velocity of the surface along its outward normal is asked, without a listener:
             ``"contact"``, at the struck point itself (on an edge, of one of its faces); (3,) or (channels, 3)
@@ -142,15 +151,16 @@ class SoundQueries:
         True
         """
         shape, single, parts = self._struck(
-            points, impulses_n_s, duration_s, sample_rate_hz, modes=modes,
-            forces_n=forces_n, pulse=pulse, observed=observed, listener=listener, support=support,
+            points, impulses_n_s, duration_s, sample_rate_hz, modes=modes, forces_n=forces_n,
+            velocities_m_s=velocities_m_s, pulse=pulse, observed=observed, listener=listener, support=support,
         )  # fmt: skip
         remedy = "Use `strikes`, which answers in parts, or ask for less at a time."
         require_room("points, duration_s", 4 * math.prod(shape), remedy)
-        sound = np.empty(shape, dtype=np.float32)
-        for rows, part in parts:
+        sound, energies = np.empty(shape, dtype=np.float32), []
+        for rows, part, energy in parts:
             sound[rows] = part
-        return Sound.of(sound[:, 0] if single else sound, sample_rate_hz)
+            energies.append(energy)
+        return Sound.of(sound[:, 0] if single else sound, sample_rate_hz, StrikeEnergy.of_all(energies))
 
     @renamed_keywords(duration="duration_s", sample_rate="sample_rate_hz")
     @formerly_positional
@@ -168,7 +178,7 @@ class SoundQueries:
         100
         """
         _, single, parts = self._struck(*arguments, **keywords)
-        for rows, part in parts:
+        for rows, part, _ in parts:
             yield rows, part[:, 0] if single else part
 
     @renamed_keywords(impulses="impulses_n_s", times="times_s")
@@ -272,17 +282,27 @@ class SoundQueries:
     def _struck(
         self, points: ArrayLike, impulses_n_s: ArrayLike | None = None, duration_s: float = 2.0,
         sample_rate_hz: float = 44100, *, modes: int | None = None, forces_n: ArrayLike | None = None,
-        pulse: Pulse = None, observed: str | ArrayLike = CONTACT, listener: ArrayLike | None = None,
-        support: Support | str | None = None,
-    ) -> tuple[tuple[int, int, int], bool, Iterator[tuple[slice, np.ndarray]]]:  # fmt: skip
+        velocities_m_s: ArrayLike | None = None, pulse: Pulse = None, observed: str | ArrayLike = CONTACT,
+        listener: ArrayLike | None = None, support: Support | str | None = None,
+    ) -> tuple[tuple[int, int, int], bool, Parts]:  # fmt: skip
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
-        at, pushes = self._pushes(points, impulses_n_s, forces_n)
+        pulse = named_striker(pulse)
+        if velocities_m_s is not None and not isinstance(pulse, ContactBody):
+            raise QueryError("velocities_m_s", "given without a striker", 'Name it: pulse="steel".')
+        if velocities_m_s is not None and (impulses_n_s is not None or forces_n is not None):
+            raise QueryError("velocities_m_s", "given beside impulses or forces", "Give one of them.")
+        if velocities_m_s is None:
+            at, pushes = self._pushes(points, impulses_n_s, forces_n)
+        else:
+            at, pushes = self._pushes(points, velocities_m_s, None, "velocities_m_s")
         contacts, ears = at.points, self._listeners(listener)
         rate_hz = real("sample_rate_hz", sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
         duration_s = real("duration_s", duration_s, 1 / rate_hz, LONGEST_S, " s")
         places = self._places(observed)
         heard = places if listener is None else ears
         body = self._struck_body(modes, support)
+        if isinstance(pulse, ContactBody) and impulses_n_s is None and forces_n is None:
+            pushes = body.passed_on(contacts, pushes, pulse)
         channels = len(heard) if isinstance(heard, np.ndarray) else 1
         samples = samples_of(duration_s, rate_hz)
         remedy = "Ask for less time at once, or a lower rate."
@@ -308,8 +328,9 @@ class SoundQueries:
         points: ArrayLike | ClosestPoints,
         impulses_n_s: ArrayLike | None,
         forces_n: ArrayLike | None,
+        name: str = "impulses_n_s",
     ) -> tuple[ClosestPoints, np.ndarray]:
-        """Return n contacts on the surface, and impulses (n, 3) or forces (n, k, 3) on them."""
+        """Return n contacts on the surface, and impulses (n, 3) by their name or forces (n, k, 3) on them."""
         places = points if isinstance(points, ClosestPoints) else self.contacts.project(points)
         count = len(places.points)
         if forces_n is not None and impulses_n_s is not None:
@@ -319,7 +340,7 @@ class SoundQueries:
             pushes = real_array(name, forces_n, remedy)
             pushes = pushes[None] if pushes.ndim == 2 else pushes
         elif impulses_n_s is not None:
-            name, remedy = "impulses_n_s", "Give (n, 3) newton seconds."
+            remedy = "Give (n, 3), one for each point."
             pushes = real_array(name, impulses_n_s, remedy)
             pushes = pushes[None] if pushes.ndim == 1 else pushes
         else:

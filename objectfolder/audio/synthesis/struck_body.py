@@ -10,20 +10,25 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.synthesis.air import Air, Listener
 from objectfolder.audio.synthesis.bank import FLOOR_DB, ring, samples_of
+from objectfolder.audio.synthesis.bank import Pulse as PulseOfRows
+from objectfolder.audio.synthesis.collision import Collider, Vibrations, collide
 from objectfolder.audio.synthesis.force import drive
-from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
+from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.sound import StrikeEnergy
 from objectfolder.errors import QueryError
 from objectfolder.query_values import real_array
 from objectfolder.surface.surface import ClosestPoints
 
 Floats = NDArray[np.float64]
-Pulse = float | ArrayLike | ContactBody | None
+Pulse = float | ArrayLike | ContactBody | str | None
 CONTACT, RMS = "contact", "rms"
 Observed = str | Floats
 CHUNK_NUMBERS = 1 << 22  # of gains and of samples at once
 FLAT = np.inf
 INAUDIBLE_DB = -100.0  # of a mode at a listener, for one modal velocity, below the loudest
+NO_FORCE = ForceProfile(1e-6, np.full(1, 1e6))  # of contacts without an impulse
 SHORTEST_PULSE_S, LONGEST_PULSE_S = 1e-12, 1e5
 
 
@@ -92,7 +97,7 @@ class StruckBody:
         observed: Observed = CONTACT,
         listeners: Floats | None = None,
         floor_db: float = FLOOR_DB,
-    ) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+    ) -> Iterator[tuple[slice, NDArray[np.float32], StrikeEnergy | None]]:
         """Yield the sounds of some contacts at a time; see `ObjectFile.strike`.
 
         Parameters
@@ -109,10 +114,11 @@ class StruckBody:
         Returns
         -------
         iterator
-            Rows and their sounds (rows, channels, samples) float32. Each row is what it is alone; working
-            memory does not grow with n.
+            Rows, their sounds (rows, channels, samples) float32 and, of a striker, where its energy went.
+            Each row is what it is alone; working memory does not grow with n.
         """
-        durations = self.pulses(points, forces, pulse)
+        striker = pulse if isinstance(pulse, ContactBody) else None
+        durations = None if striker else self.durations(len(points), forces, pulse)
         samples = samples_of(duration_s, sample_rate_hz)
         channels = list(self.channels(sample_rate_hz, observed, listeners))
         numbers = 3 * len(self.eigenvalues) + len(channels) * samples + 1
@@ -121,15 +127,19 @@ class StruckBody:
             rows = slice(start, min(start + step, len(points)))
             sound = np.zeros((rows.stop - start, len(channels), samples), dtype=np.float32)
             motion = self.motion(points[rows])
-            own = durations[rows] if isinstance(durations, np.ndarray) else durations
+            own: PulseOfRows = durations[rows] if isinstance(durations, np.ndarray) else durations
+            pushes, energy = forces[rows], None
+            if striker:
+                collisions = self.collisions(points[rows], motion, pushes, striker)
+                pushes, own, energy = collisions.impulses_n_s, collisions.profiles, collisions.energy_j
             part = np.empty((len(sound), samples))
             for channel, sources in enumerate(channels):
                 total = np.zeros_like(part)
                 for source in sources:
-                    source.write(motion, forces[rows], own, part, floor_db)
+                    source.write(motion, pushes, own, part, floor_db)
                     total += part
                 sound[:, channel] = total
-            yield rows, sound
+            yield rows, sound, energy
 
     def motion(self, points: Floats | ClosestPoints) -> "Motion":
         """Return how each mode moves where it is struck."""
@@ -151,31 +161,74 @@ class StruckBody:
             return [None if observed == CONTACT else self.radiation_weights]
         return list(self.motion(observed).normal)
 
-    def pulses(self, points: Floats, forces: Floats, pulse: Pulse) -> float | Floats | None:
-        """Return durations of the pulses, seconds: one, one each, or None."""
+    def durations(self, contacts: int, forces: Floats, pulse: Pulse) -> float | Floats | None:
+        """Return the lengths of half-sines, seconds: one, one each, or None."""
         if pulse is None:
             return None
         if forces.ndim == 3:
             raise QueryError("pulse", "given with sampled forces", "Forces (n, k, 3) are their own profile.")
-        if not isinstance(pulse, ContactBody):
-            durations = real_array("pulse", pulse, "Give seconds, or a `ContactBody`.")
-            if ((durations < SHORTEST_PULSE_S) | (durations > LONGEST_PULSE_S)).any():
-                remedy = f"Give {SHORTEST_PULSE_S:g} s to {LONGEST_PULSE_S:g} s; None for an instant."
-                raise QueryError("pulse", "a length out of range", remedy)
-            if durations.shape not in ((), (len(points),)):
-                finding = f"shape {durations.shape} for {len(points)} contacts"
-                raise QueryError("pulse", finding, "Give one duration, or one each.")
-            return float(durations) if durations.ndim == 0 else durations
+        durations = real_array("pulse", pulse, "Give seconds, or a `ContactBody`.")
+        if ((durations < SHORTEST_PULSE_S) | (durations > LONGEST_PULSE_S)).any():
+            remedy = f"Give {SHORTEST_PULSE_S:g} s to {LONGEST_PULSE_S:g} s; None for an instant."
+            raise QueryError("pulse", "a length out of range", remedy)
+        if durations.shape not in ((), (contacts,)):
+            finding = f"shape {durations.shape} for {contacts} contacts"
+            raise QueryError("pulse", finding, "Give one duration, or one each.")
+        return float(durations) if durations.ndim == 0 else durations
+
+    def contact(self, striker: ContactBody, point: Floats, direction: Floats) -> HertzContact:
+        """Return the contact with a striker; the object counts as flat.
+
+        Its own curvature is not known, and a striker is nearly always the sharper one.
+
+        Raises
+        ------
+        QueryError
+            An object of unknown mass or elasticity.
+        """
         if self.rigid is None or self.elasticity is None:
             raise QueryError("pulse", "the object's mass or elasticity is unknown", "Give seconds.")
-        impulses = np.linalg.norm(forces, axis=1)
-        found = np.ones(len(points))
-        for index in np.flatnonzero(impulses > 0):
-            mass = self.rigid.mass_towards(points[index], forces[index])
-            # The object's own curvature is not known; a striker is nearly always the sharper one.
-            contact = HertzContact.between(pulse, ContactBody(*self.elasticity, FLAT, mass))
-            found[index] = contact.duration_s(contact.speed_m_s(impulses[index]))
-        return found
+        mass = self.rigid.mass_towards(point, direction)
+        return HertzContact.between(striker, ContactBody(*self.elasticity, FLAT, mass))
+
+    def passed_on(self, points: Floats, velocities: Floats, striker: ContactBody) -> Floats:
+        """Return impulses (n, 3) that a striker would pass on at velocities (n, 3) as a rigid body."""
+        moving = velocities.any(axis=1)
+        masses = np.zeros(len(points))
+        for row in np.flatnonzero(moving):
+            masses[row] = self.contact(striker, points[row], velocities[row]).mass_kg
+        return 2 * masses[:, None] * velocities
+
+    @cached_property
+    def vibrations(self) -> Vibrations:
+        """Its modes as collisions take them."""
+        return Vibrations(self.eigenvalues, self.dampings_per_s)
+
+    def collisions(
+        self, points: Floats, motion: "Motion", impulses: Floats, striker: ContactBody
+    ) -> "Collisions":
+        """Let a striker collide at points (n, 3), at speeds at which rigid bodies would pass on impulses."""
+        if impulses.ndim == 3:
+            raise QueryError("pulse", "given with sampled forces", "Forces (n, k, 3) are their own profile.")
+        profiles, passed, energies = [], np.zeros_like(impulses), np.zeros((5, len(points)))
+        for row in range(len(points)):
+            size = float(np.linalg.norm(impulses[row]))
+            if size == 0:
+                profiles.append(NO_FORCE)
+                continue
+            direction = impulses[row] / size
+            contact = self.contact(striker, points[row], direction)
+            speed = float(contact.speed_m_s(size))
+            collider = Collider(self.vibrations, along(direction[None], motion.shapes[row : row + 1])[0])
+            collision = collide([collider], contact, speed, striker.restitution)
+            profiles.append(collision.profile)
+            impulse, vibration = collision.impulse_n_s, float(collision.vibration_j[0])
+            passed[row] = impulse * direction
+            before, rebound = (striker.mass_kg * v**2 / 2 for v in (speed, speed - impulse / striker.mass_kg))
+            moved = impulse**2 / 2 * (1 / contact.mass_kg - 1 / striker.mass_kg)
+            lost = impulse * speed - impulse**2 / (2 * contact.mass_kg) - vibration
+            energies[:, row] = before, rebound, vibration, moved, lost
+        return Collisions(passed, profiles, StrikeEnergy(*energies))
 
     def channels(
         self, sample_rate_hz: float, observed: Observed, listeners: Floats | None
@@ -221,6 +274,22 @@ class StruckBody:
             heard.real + heard.imag * modes.dampings_per_s / modes.roots_per_s,
         )
         return Source(modes, weights, columns, np.ones(len(self.eigenvalues)), None, delay_s)
+
+
+@dataclass(frozen=True)
+class Collisions:
+    """What a striker did at contacts.
+
+    Attributes
+    ----------
+    impulses_n_s : (n, 3) on the object
+    profiles : courses of the forces
+    energy_j : where its energy went
+    """
+
+    impulses_n_s: Floats
+    profiles: list[ForceProfile]
+    energy_j: StrikeEnergy
 
 
 @dataclass(frozen=True)
@@ -281,7 +350,7 @@ class Source:
         return round(self.delay_s * self.oscillators.sample_rate_hz)
 
     def write(
-        self, motion: Motion, forces: Floats, pulse_s: float | Floats | None, sound: Floats, floor_db: float
+        self, motion: Motion, forces: Floats, pulse: PulseOfRows, sound: Floats, floor_db: float
     ) -> None:
         """Write the sound (n, samples) of contacts; `sound` is overwritten."""
         field = self.field(motion)
@@ -303,10 +372,26 @@ class Source:
             along(forces, field),
             sound,
             columns=self.columns,
-            pulse_s=pulse_s,
+            pulse=pulse,
             delay_s=self.delay_s,
             floor_db=floor_db,
         )
+
+
+def named_striker(pulse: Pulse) -> Pulse:
+    """Return one of `STRIKERS` for its name, and anything else as it is.
+
+    Raises
+    ------
+    QueryError
+        Another name.
+    """
+    if not isinstance(pulse, str):
+        return pulse
+    if pulse not in STRIKERS:
+        remedy = f"Give seconds, a `ContactBody` or one of {', '.join(STRIKERS)}."
+        raise QueryError("pulse", repr(pulse), remedy)
+    return STRIKERS[pulse]
 
 
 def along(forces: Floats, gains: Floats) -> Floats:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.synthesis.bank import FLOOR_DB
+from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
@@ -131,7 +132,9 @@ class Voices:
         """Whether nothing sounds and nothing waits."""
         return not self._voices and self.ringing_modes == 0
 
-    def strike(self, amplitudes: ArrayLike, *, at: float | None = None, pulse_s: float | None = None) -> None:
+    def strike(
+        self, amplitudes: ArrayLike, *, at: float | None = None, pulse_s: float | ForceProfile | None = None
+    ) -> None:
         """Let an impulse or a half-sine pulse begin.
 
         Parameters
@@ -141,7 +144,7 @@ class Voices:
         at
             Sample at which it begins, `now` or later, whole or not; `now` if None.
         pulse_s
-            Duration of the pulse, seconds; an ideal impulse if None.
+            Duration of the pulse, seconds, or the course of its force; an ideal impulse if None.
 
         Raises
         ------
@@ -153,9 +156,10 @@ class Voices:
         begin, ahead = self._beginning(at)
         if given.shape != (self._given,) or not np.isfinite(given).all():
             raise QueryError("amplitudes", f"shape {given.shape}, or not finite", f"Give ({self._given},).")
-        if pulse_s is not None and not 0 < pulse_s < math.inf:
-            raise QueryError("pulse_s", f"{pulse_s} s", "Give seconds; None for an ideal impulse.")
-        self._make_room(0 if pulse_s is None else pulse_s * self._rate)
+        lasting_s = pulse_s.duration_s if isinstance(pulse_s, ForceProfile) else pulse_s
+        if lasting_s is not None and not 0 < lasting_s < math.inf:
+            raise QueryError("pulse_s", f"{lasting_s} s", "Give seconds; None for an ideal impulse.")
+        self._make_room((lasting_s or 0) * self._rate)
         onset, coefficients = self._bank.onset(given[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
         self._voices.append(Voice(begin, onset[0], coefficients[0]))
 

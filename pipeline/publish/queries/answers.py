@@ -18,16 +18,18 @@ from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody, listening_gain, write_wav
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+from objectfolder.query_values import real
 from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.lamps import Lamps
-from pipeline.publish.queries.requests import Pressing, Rendering, Striking
+from pipeline.publish.queries.requests import Beater, Pressing, Rendering, Striking
 from pipeline.publish.queries.summaries import PressSummary, RenderSummary, SampleSummary, StrikeSummary
 
 LABELS = ("reachable", "penetration_m", "first_contact_offset_m", "contact_area_m2", "force_n", "saturated",
           "sensor_to_object")  # fmt: skip
 
+SPEEDS_M_S = (1e-6, 1e4)
 VIEWS, FRAMES = 8, 24  # where no number is named: views, and pictures of a turntable
 
 
@@ -118,21 +120,29 @@ def strike_points(
     wanted: Striking,
     output: Path,
     pulse_s: float | None,
-    striker: tuple[str, float, float] | None,
+    striker: tuple[str, float, float] | Beater | None,
 ) -> StrikeSummary:
     """Write a float WAV file for each contact, all times one gain, so that louder stays louder.
 
     The pulse is a half sine of `pulse_s` seconds, or that of a striker: material, radius at the contact
-    (m), mass (kg).
+    (m), mass (kg), or its name.
     """
     file = objectfolder.load(path)
-    body = None
-    if striker:
+    if striker is None and pulse_s is None and wanted.forces is None:
+        striker = "wood"
+    body: ContactBody | str | None = None
+    if isinstance(striker, str) and striker != "impulse":
+        body = striker
+    elif isinstance(striker, tuple):
         name, radius_m, mass_kg = striker
         material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
         body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
     points, normals = _contacts(file, wanted.points, wanted.seed, reachable=False)
     impulses, forces = _pushes(normals, wanted.forces)
+    velocities = None
+    if body and wanted.forces is None:
+        speed_m_s = real("--speed", wanted.speed_m_s, *SPEEDS_M_S, " m/s")
+        impulses, velocities = None, -speed_m_s * normals
     strikes = functools.partial(
         file.strikes,
         points,
@@ -140,6 +150,7 @@ def strike_points(
         duration_s=wanted.duration_s,
         sample_rate_hz=wanted.sample_rate_hz,
         forces_n=forces,
+        velocities_m_s=velocities,
         pulse=body or pulse_s,
         listener=np.array(wanted.listener) if wanted.listener else None,
         support=None if wanted.support == "free" else wanted.support,

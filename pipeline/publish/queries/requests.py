@@ -57,6 +57,9 @@ class Rendering:
     device: Literal["cpu", "cuda"] = "cpu"
 
 
+Beater = Literal["wood", "steel", "finger", "impulse"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Striking:
     """Points to strike.
@@ -66,8 +69,10 @@ class Striking:
     points
         a number of points to draw, or a .npy file, (n, 3) metres, object frame
     forces
-        .npy file, (n, 3) impulses in newton seconds, or (n, k, 3) newtons at the samples (default: 1 N s
-        along the inward normal)
+        .npy file, (n, 3) impulses in newton seconds, or (n, k, 3) newtons at the samples, in place of the
+        speed of what strikes
+    speed_m_s
+        metres a second, along the inward normal, at which it strikes
     seed
         of the draw
     duration_s
@@ -88,6 +93,7 @@ class Striking:
 
     points: int | Path = 8
     forces: Path | None = None
+    speed_m_s: float = 1.0
     seed: int = 0
     duration_s: float = 2.0
     sample_rate_hz: int = 44100

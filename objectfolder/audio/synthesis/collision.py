@@ -1,0 +1,286 @@
+"""Two bodies in collision: Hertz's spring between them, their modes and their motion as a whole, together.
+
+Over a step the force between the bodies is constant, and what it does to each mode and to the bodies is
+exact. Its size is the change of the spring's energy over that of the approach (a discrete gradient:
+O. Gonzalez, J. Nonlinear Sci. 6, 1996), so that at any step the spring takes what the bodies give, to
+rounding.
+Energy goes only to the damping of the modes and to the loss of the contact, after K. H. Hunt and
+F. R. E. Crossley (J. Appl. Mech. 42, 1975): k d^(3/2) (1 + a d') at approach d, a set by the restitution that
+the pair has without modes at that speed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.hertz import HertzContact
+from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.ramps import held_steps
+from objectfolder.errors import QueryError
+from objectfolder.jit import relaxed_kernel
+
+Floats = NDArray[np.float64]
+# Steps in the contact of the pair without modes at least, and in a period of the highest mode, as far as
+# the former are not more than `MOST_IN_CONTACT`: a very soft contact does not see the highest modes.
+IN_CONTACT, IN_PERIOD, MOST_IN_CONTACT = 100, 8, 1 << 14
+MOST_STEPS = 1 << 20
+TABLES = 8
+
+
+class Vibrations:
+    """The modes of a body, with tables of the steps that collisions took.
+
+    Parameters
+    ----------
+    eigenvalues, dampings_per_s
+        (modes,) as in `mode_bank`.
+    """
+
+    def __init__(self, eigenvalues: Floats, dampings_per_s: Floats) -> None:
+        self.eigenvalues, self.dampings_per_s = eigenvalues, dampings_per_s
+        self.steps = lru_cache(maxsize=TABLES)(self._steps)
+
+    @cached_property
+    def highest_hz(self) -> float:
+        """Of the undamped frequencies; 0 without modes."""
+        return math.sqrt(self.eigenvalues.max(initial=0.0)) / (2 * math.pi)
+
+    def _steps(self, halvings: int) -> Floats:
+        """Return what 2^-halvings s do, see `held_steps`."""
+        return held_steps(Oscillators(self.eigenvalues, self.dampings_per_s, 2.0**halvings))
+
+
+@dataclass(frozen=True)
+class Collider:
+    """A body where another touches it.
+
+    Attributes
+    ----------
+    vibrations : its modes
+    gains : (modes,) how far each mode moves there along the push of the other body, kg^-1/2
+    """
+
+    vibrations: Vibrations
+    gains: Floats
+
+
+@dataclass(frozen=True)
+class Collision:
+    """A collision that is over.
+
+    Attributes
+    ----------
+    step_s : over which the force is constant
+    forces_n : (k,) from first to last contact
+    lost_j : to the contact itself
+    vibration_j : (colliders,) of the modes when they part
+    """
+
+    step_s: float
+    forces_n: Floats
+    lost_j: float
+    vibration_j: Floats
+
+    @property
+    def impulse_n_s(self) -> float:
+        """What each body gives to the other."""
+        return float(self.step_s * self.forces_n.sum())
+
+    @property
+    def profile(self) -> ForceProfile:
+        """Course of the force."""
+        return ForceProfile(self.step_s, self.forces_n / self.impulse_n_s)
+
+
+def collide(
+    colliders: Sequence[Collider], contact: HertzContact, speed_m_s: float, restitution: float = 1.0
+) -> Collision:
+    """Let two bodies at rest in themselves collide.
+
+    Parameters
+    ----------
+    colliders
+        Those of the two that vibrate.
+    contact
+        Of the pair; its mass is that of both as rigid bodies.
+    speed_m_s
+        At which they close.
+    restitution
+        Over that speed, the speed at which they would part if neither had modes: above 0, to 1.
+
+    Raises
+    ------
+    QueryError
+        A restitution out of range, or bodies that do not part within `MOST_STEPS` steps.
+
+    Examples
+    --------
+    >>> contact = HertzContact(modulus_pa=1e11, radius_m=0.01, mass_kg=0.02)
+    >>> rebound = collide([], contact, 1.0, restitution=0.5)
+    >>> round(rebound.impulse_n_s, 4), round(rebound.profile.duration_s / float(contact.duration_s(1.0)), 1)
+    (0.03, 1.1)
+    """
+    alone_s = float(contact.duration_s(speed_m_s))
+    highest_hz = max((one.vibrations.highest_hz for one in colliders), default=0.0)
+    most_s = alone_s / IN_CONTACT
+    if highest_hz:
+        most_s = min(most_s, max(1 / (IN_PERIOD * highest_hz), alone_s / MOST_IN_CONTACT))
+    halvings = math.ceil(-math.log2(most_s))
+    step_s = 2.0**-halvings
+    tables = [one.vibrations.steps(halvings) for one in colliders]
+    steps = np.concatenate(tables, axis=1) if tables else np.zeros((6, 0))
+    gains = np.concatenate([one.gains for one in colliders]) if colliders else np.zeros(0)
+    eigenvalues = np.concatenate([one.vibrations.eigenvalues for one in colliders]) if colliders else gains
+    motion, forces = np.zeros((4, len(gains))), np.zeros(4 * IN_CONTACT)
+    rigid, lost, taken = np.array([0.0, speed_m_s]), np.zeros(1), 0
+    viscosity_s_m = _viscosity(restitution) / speed_m_s
+    while True:
+        taken = _collide(
+            steps, gains, np.sqrt(eigenvalues), 1 / contact.mass_kg, contact.stiffness, viscosity_s_m, step_s,
+            motion, rigid, forces, lost, taken,
+        )  # fmt: skip
+        if taken < len(forces):
+            break
+        if taken >= MOST_STEPS:
+            finding = f"the bodies have not parted after {step_s * taken:g} s"
+            raise QueryError("contact", finding, "Give a lighter or a harder striker.")
+        forces = np.concatenate([forces, np.zeros(len(forces))])
+    energies = (motion[3] ** 2 + eigenvalues * motion[2] ** 2) / 2
+    borders = np.cumsum([len(one.gains) for one in colliders])[:-1]
+    pressed = np.flatnonzero(forces[:taken])
+    return Collision(
+        step_s,
+        forces[: pressed[-1] + 1].copy(),
+        float(lost[0]),
+        np.array([part.sum() for part in np.split(energies, borders)]) if colliders else np.zeros(0),
+    )
+
+
+@lru_cache(maxsize=64)
+def _viscosity(restitution: float) -> float:
+    """Return a v of bodies that part at e v after they met at v: z (1 + e) = log((1 + z) / (1 - e z))."""
+    from scipy.optimize import brentq
+
+    e = restitution
+    if not 0 < e <= 1:
+        raise QueryError("restitution", f"{e}", "Give more than 0, to 1.")
+    if e > 1 - 1e-9:
+        return 0.0
+
+    def difference(z: float) -> float:
+        return z * (1 + e) - math.log1p(z) + math.log1p(-e * z)
+
+    most = (1 - 1e-15) / e  # of small e the root is nearer to 1 / e than to this
+    return most if difference(most) > 0 else float(brentq(difference, 1e-12, most))
+
+
+@relaxed_kernel
+def _energy(approach: float, stiffness: float) -> float:
+    """Return what the spring holds: 2/5 k d^(5/2)."""
+    if approach <= 0.0:
+        return 0.0
+    return 0.4 * stiffness * approach * approach * math.sqrt(approach)
+
+
+@relaxed_kernel
+def _force(
+    before: float, free: float, compliance: float, stiffness: float, resistance: float, start: float
+) -> float:
+    """Return the force over a step that begins at an approach `before` and would end at `free` without it.
+
+    Newton's method for the approach at the end, kept between bounds.
+
+    Parameters
+    ----------
+    resistance
+        Of the contact: viscosity over the step, 1/m.
+    start
+        Force to begin from.
+    """
+    high, low = free, -math.inf
+    after = free - compliance * start
+    force = 0.0
+    for _ in range(60):
+        middle, apart = (before + after) / 2, after - before
+        root = math.sqrt(max(middle, 0.0))
+        spring, slope = stiffness * middle * root, 0.75 * stiffness * root
+        if middle <= 0.0:
+            spring = 0.0
+        push = resistance * spring
+        if abs(apart) > 1e-4 * abs(middle):
+            exact = (_energy(after, stiffness) - _energy(before, stiffness)) / apart
+            end = max(after, 0.0)
+            push, spring, slope = push, exact, (stiffness * end * math.sqrt(end) - exact) / apart
+        force = spring + push * apart
+        slope += push + resistance * 0.75 * stiffness * root * apart
+        if force < 0.0:
+            force, slope = 0.0, 0.0
+        error = after + compliance * force - free
+        if error > 0.0:
+            high = after
+        else:
+            low = after
+        change = -error / (1.0 + compliance * max(slope, 0.0))
+        if abs(change) <= 4e-16 * (abs(after) + abs(before)):
+            break
+        after += change
+        if not low < after < high:
+            after = (low + high) / 2 if low > -math.inf else free - compliance * force
+    return force
+
+
+@relaxed_kernel
+def _collide(
+    steps: Floats, gains: Floats, angular: Floats, mobility: float, stiffness: float, viscosity: float,
+    step_s: float, motion: Floats, rigid: Floats, forces: Floats, lost: Floats, taken: int,
+) -> int:  # fmt: skip
+    """Step until the bodies have parted for good or `forces` is full; return the number of steps taken.
+
+    Of `motion` (4, modes) are displacements and velocities now, and when the bodies parted last. `rigid` is
+    how near the bodies have come to each other without their modes, and how fast.
+    """
+    q, v = motion[0], motion[1]
+    modes = len(gains)
+    compliance = mobility * step_s * step_s / 2
+    for j in range(modes):
+        compliance += gains[j] * gains[j] * steps[4, j]
+    before = rigid[0]
+    for j in range(modes):
+        before -= gains[j] * q[j]
+    for k in range(taken, len(forces)):
+        free = rigid[0] + step_s * rigid[1]
+        for j in range(modes):
+            x, y = q[j], v[j]
+            q[j] = steps[0, j] * x + steps[1, j] * y
+            v[j] = steps[2, j] * x + steps[3, j] * y
+            free -= gains[j] * q[j]
+        force, after = 0.0, free
+        if before > 0.0 or free > 0.0:
+            force = _force(before, free, compliance, stiffness, viscosity / step_s, forces[max(k - 1, 0)])
+            after = free - compliance * force
+            for j in range(modes):
+                push = gains[j] * force
+                q[j] += steps[4, j] * push
+                v[j] += steps[5, j] * push
+            spring = _energy(before, stiffness) - _energy(after, stiffness)
+            lost[0] += force * (after - before) + spring
+        if before > 0.0 and after <= 0.0:
+            for j in range(modes):
+                motion[2, j], motion[3, j] = q[j], v[j]
+        rigid[0] += step_s * rigid[1] - mobility * step_s * step_s / 2 * force
+        rigid[1] -= mobility * step_s * force
+        forces[k] = force
+        if rigid[1] < 0.0 and after <= 0.0 and (before > 0.0 or k % 16 == 0):
+            # No mode reaches farther than its amplitude, and the bodies go on parting.
+            reach = rigid[0]
+            for j in range(modes):
+                reach += abs(gains[j]) * math.sqrt(q[j] * q[j] + (v[j] / angular[j]) ** 2)
+            if reach <= 0.0:
+                return k + 1
+        before = after
+    return len(forces)
