@@ -93,7 +93,7 @@ class AudioParameters:
 
     max_frequency_hz: Annotated[float, Bounds(20, 1e6, "hertz", "of a mode")]
     max_modes: Annotated[int, Bounds(1, 4096, "modes", "of an object; more are left out")]
-    accuracy_cents: Annotated[float, Bounds(0.01, 1200, "cents", "error of the first 50 frequencies")]
+    accuracy_cents: Annotated[float, Bounds(0.01, 1200, "cents", "error of the frequencies")]
     training_points: Annotated[int, Bounds(1, 10_000_000, "points", "with a mode shape to fit AudioNet to")]
     held_out_points: Annotated[int, Bounds(1, 10_000_000, "points", "to verify on")]
     transfer: Annotated[

@@ -117,7 +117,13 @@ def test_an_accuracy_that_is_not_reached_and_a_doubtful_solid_are_said(bar: Prod
     assert not bar.attributes["warnings"]
     assert not coarse.attributes["accuracy_reached"]
     warnings = " ".join(coarse.attributes["warnings"])
-    for warning in ("cents", "its wall is thick", "20% of the solid's outside closes openings"):
+    errors = coarse["error_estimates_cents"]
+    of_all = f"{errors.max():.1f} may be left in {np.count_nonzero(errors > 1.0)} of {len(errors)}"
+    for warning in (
+        f"1 cents wanted (accuracy_cents), {of_all} modes",
+        "its wall is thick",
+        "20% of the solid's outside closes openings",
+    ):
         assert warning in warnings
 
 

@@ -664,7 +664,7 @@ def test_modes_prints_a_beam_as_beam_theory_has_it(
     assert result["accuracy_reached"]
     wish = ["--max-frequency", "3000", "--accuracy-cents", "0.001"]
     assert main(["modes", str(mesh), "--material", "ceramic", *wish]) == 1
-    assert "cents and not to accuracy_cents 0.001" in capsys.readouterr().out
+    assert "0.001 cents wanted (accuracy_cents), " in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -160,7 +160,7 @@ class ModesOfMesh:
     max_modes
         largest number of modes
     accuracy_cents
-        wanted error of the first 50 frequencies
+        wanted error of the frequencies
     wall_m
         least thickness of walls in metres, where a scan fused them
     shell_m
