@@ -112,29 +112,30 @@ class NormalEquations:
         summed = self.matrix + other.matrix, self.right + other.right
         return NormalEquations(self.shape, *summed, self.count + other.count)
 
-    def solve(self, smoothness: float, uniformity: float = 0.0) -> PhotometricTable:
+    def solve(self, smoothness: float, uniformity: float = 0.0, share: float = 1.0) -> PhotometricTable:
         """Return the table of least squared error, held smooth; `smoothness` as of `fit_table`.
 
         `uniformity` is the weight of the mean squared difference between how a node depends on the place and
-        how the untouched gel does: a slope then changes the gel everywhere alike.
+        a share of how the untouched gel does. With a share of 1 a slope then changes the gel everywhere alike;
+        with 0 it looks everywhere alike.
         """
         from scipy.sparse.linalg import spsolve
 
-        solution = spsolve(self._smoothed(smoothness, uniformity), self.right / self.count)
+        solution = spsolve(self._smoothed(smoothness, uniformity, share), self.right / self.count)
         nodes = solution.reshape(-1, TERMS, CHANNELS)[_unknowns(self.shape).reshape(self.shape)]
         return PhotometricTable(np.moveaxis(nodes, 3, 0).astype(np.float16))
 
-    def spread(self, smoothness: float, uniformity: float = 0.0) -> np.ndarray:
+    def spread(self, smoothness: float, uniformity: float = 0.0, share: float = 1.0) -> np.ndarray:
         """Deviation (slopes, directions) of the values at the gel's middle, for one of a pixel."""
-        inverse = np.linalg.inv(self._smoothed(smoothness, uniformity).toarray()) / self.count
+        inverse = np.linalg.inv(self._smoothed(smoothness, uniformity, share).toarray()) / self.count
         constant = np.sqrt(np.maximum(np.diag(inverse)[::TERMS], 0.0))
         return np.asarray(constant[_unknowns(self.shape)].reshape(self.shape))
 
-    def _smoothed(self, smoothness: float, uniformity: float) -> Any:
+    def _smoothed(self, smoothness: float, uniformity: float, share: float) -> Any:
         bending = _second_differences(self.shape, _unknowns(self.shape), self.matrix.shape[0]).tocsr()
         held = smoothness / bending.shape[0] * (bending.T @ bending)
         if uniformity:
-            uneven = _place_differences(self.matrix.shape[0])
+            uneven = _place_differences(self.matrix.shape[0], share)
             held = held + uniformity / uneven.shape[0] * (uneven.T @ uneven)
         return (self.matrix / self.count + held).tocsc()
 
@@ -155,10 +156,10 @@ def gel_pixels(sensor: Sensor, untouched: np.ndarray) -> np.ndarray:
 
 
 def ball_pixels(
-    sensor: Sensor, image: np.ndarray, centre: np.ndarray, depth: float, radius: float
+    sensor: Sensor, image: np.ndarray, centre: np.ndarray, depth: float, radius: float, share: float = TRUSTED
 ) -> np.ndarray:
-    """Return what the pixels where the gel follows a ball say; arguments as of `fit_table`, of one."""
-    position, normal, trusted = _ball(sensor, _rays(sensor)[0], centre, depth, radius)
+    """Return what the pixels in a share of a ball's contact radius say; arguments as of `fit_table`, of one."""
+    position, normal, trusted = _ball(sensor, _rays(sensor)[0], centre, depth, radius, share)
     return _seen(sensor, position, normal, image, trusted)
 
 
@@ -189,9 +190,9 @@ def normal_equations(pixels: np.ndarray, shape: tuple[int, int]) -> NormalEquati
 
 
 def _ball(
-    sensor: Sensor, rays: np.ndarray, centre: np.ndarray, depth: float, radius: float
+    sensor: Sensor, rays: np.ndarray, centre: np.ndarray, depth: float, radius: float, share: float = TRUSTED
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where rays (3, n) meet a ball, from the camera; its normals there; and which meet it in the gel."""
+    """Where rays (3, n) meet a ball, from the camera; its normals; and which meet it in a share of the contact."""
     camera = np.asarray(sensor.camera_position_m)
     lowest = float(gel_surface(sensor, centre[0], centre[1])) - depth
     middle = np.array([lowest + radius, *centre]) - camera
@@ -202,7 +203,7 @@ def _ball(
     normal = position - middle[:, None]
     y, z = position[1:] + camera[1:, None]
     indentation = gel_surface(sensor, y, z) - camera[0] - position[0]
-    return position, normal, (root > 0) & (depth > 0) & (indentation > (1 - TRUSTED**2) * depth)
+    return position, normal, (root > 0) & (depth > 0) & (indentation > (1 - share**2) * depth)
 
 
 def ball_image(sensor: Sensor, centre: np.ndarray, depth: float, radius: float) -> np.ndarray:
@@ -257,12 +258,12 @@ def _second_differences(shape: tuple[int, int], unknown: np.ndarray, count: int)
     return coo_array((entry.ravel(), (row.ravel(), column.ravel())), (len(column), count))
 
 
-def _place_differences(count: int) -> Any:
-    """Sparse matrix of the difference of each coefficient of the place from the untouched gel's."""
+def _place_differences(count: int, share: float) -> Any:
+    """Sparse matrix of each coefficient of the place less a share of the untouched gel's."""
     from scipy.sparse import coo_array
 
     unknown = np.arange(count)
     chosen = unknown[(unknown >= TERMS) & (unknown % TERMS > 0)]
     row, ones = np.arange(len(chosen)), np.ones(len(chosen))
-    entry, column = np.concatenate([ones, -ones]), np.concatenate([chosen, chosen % TERMS])
+    entry, column = np.concatenate([ones, -share * ones]), np.concatenate([chosen, chosen % TERMS])
     return coo_array((entry, (np.tile(row, 2), column)), (len(chosen), count)).tocsr()

@@ -25,7 +25,10 @@ SHAPE = (13, 24)
 # Weights among which the photographs that are fitted choose, by leaving some out in turn.
 SMOOTHNESS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 UNIFORMITY = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
-FOLDS = 3
+# Of how the untouched gel depends on the place: all of it, as changes are alike, or none, as values are.
+SHARES = (1.0, 0.5, 0.0)
+# Of few photographs each is left out by itself.
+FOLDS, FEW = 3, 6
 # Of the contact's radius: what lies farther from every mark is untouched gel.
 UNTOUCHED = 2.2
 LEAST_PRINTS = 3
@@ -57,9 +60,9 @@ class OwnCalibration:
         (m,) of the same: by the untouched picture, and by the mean of the others' patches.
     repeatability
         (k,) of pairs of photographs of nearly one press.
-    smoothness, uniformity
-        Weights of the table's smoothness, and of its changes' being alike at all places: few photographs
-        choose a high one.
+    smoothness, uniformity, share
+        Weights of the table's smoothness, and of its slopes' being alike at all places: few photographs
+        choose a high one. What is alike is the change of the untouched gel (a share of 1), or the value (0).
     """
 
     sensor: Sensor
@@ -73,6 +76,7 @@ class OwnCalibration:
     repeatability: np.ndarray
     smoothness: float
     uniformity: float
+    share: float
 
 
 def calibrate(
@@ -222,38 +226,39 @@ class _Fit:
         total = self._gel
         for index in chosen:
             if index not in self._of:
-                pixels = ball_pixels(self._sensor, self._photographs[index], *self.place(index), self._ball)
+                place = *self.place(index), self._ball
+                pixels = ball_pixels(self._sensor, self._photographs[index], *place, share=1.0)
                 self._of[index] = normal_equations(pixels, SHAPE)
             total = total + self._of[index]
         return total
 
     def errors(
-        self, chosen: Sequence[int], others: Sequence[int], smoothness: float, uniformity: float
+        self, chosen: Sequence[int], others: Sequence[int], smoothness: float, uniformity: float, share: float
     ) -> list[np.ndarray]:
         """Errors (pixels, 3), grey levels, in the circles of others by the table of those chosen."""
-        table = self.equations(chosen).solve(smoothness, uniformity)
+        table = self.equations(chosen).solve(smoothness, uniformity, share)
         sensor = replace(_plain(self._sensor), photometric_table=table)
         return [
             (ball_image(sensor, *self.place(index), self._ball) - self._photographs[index])[self.disc(index)]
             for index in others
         ]
 
-    def weights(self, chosen: Sequence[int]) -> tuple[float, float]:
-        """Smoothness and uniformity by which those chosen are best explained, each by others of them."""
-        folds = [chosen[start::FOLDS] for start in range(min(FOLDS, len(chosen)))]
+    def weights(self, chosen: Sequence[int]) -> tuple[float, float, float]:
+        """Smoothness, uniformity and share by which others explain each of those chosen best."""
+        count = len(chosen) if len(chosen) <= FEW else FOLDS
+        folds = [chosen[start::count] for start in range(count)]
 
-        def error(smoothness: float, uniformity: float) -> float:
+        def error(*weights: float) -> float:
             return sum(
                 _square(part)
                 for fold in folds
-                for part in self.errors(
-                    [index for index in chosen if index not in fold], fold, smoothness, uniformity
-                )
+                for part in self.errors([index for index in chosen if index not in fold], fold, *weights)
             )
 
-        smoothness = min(SMOOTHNESS, key=lambda weight: error(weight, UNIFORMITY[2]))
-        uniformity = min(UNIFORMITY, key=lambda weight: error(smoothness, weight))
-        return min(SMOOTHNESS, key=lambda weight: error(weight, uniformity)), uniformity
+        smoothness = min(SMOOTHNESS, key=lambda weight: error(weight, UNIFORMITY[2], SHARES[0]))
+        uniformity = min(UNIFORMITY, key=lambda weight: error(smoothness, weight, SHARES[0]))
+        share = min(SHARES, key=lambda share: error(smoothness, uniformity, share))
+        return smoothness, uniformity, share
 
 
 def _session(photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Print | str]) -> np.ndarray:
