@@ -86,6 +86,9 @@ class Felt:
         (3,) float64 of the engine's contacts with objects, on the finger, in the sensor's frame.
     advanced_m
         How far beyond the finger's own pose the sensor is here, along its axis; see `LiveTouch`.
+    torque_nm
+        Of the same contacts on the finger, about its sensor's axis through their centre of pressure; None of
+        a single one, whose place tells none.
     """
 
     finger: Finger
@@ -96,6 +99,7 @@ class Felt:
     penetration_m: float
     force_n: Floats
     advanced_m: float
+    torque_nm: float | None
     _patches: FacePatches = field(repr=False)
     _see: Callable[[], TouchImage] = field(repr=False)
 
@@ -146,7 +150,19 @@ class Felt:
 
     @cached_property
     def sheared(self) -> tuple[Contact, Shear]:
-        """What `pressed` is, and the traction and displacement along the gel; see `solve_shear`.
+        """What `pressed` is, and the traction and displacement along the gel, of nothing before it.
+
+        Raises
+        ------
+        QueryError
+            As `pressed`.
+        """
+        return self.sheared_after(None)
+
+    def sheared_after(self, before: Shear | None) -> tuple[Contact, Shear]:
+        """Return what `sheared` is after the state of an earlier step, of which what slipped stays.
+
+        See `solve_shear`.
 
         Raises
         ------
@@ -155,22 +171,27 @@ class Felt:
         """
         contact = self.pressed
         across = -self.force_n[:0:-1]  # rows descend in z and columns in y
-        return contact, solve_shear(contact, self._gel, self.finger.friction, across, tolerance=TOLERANCE)
+        torque = None if self.torque_nm is None else -self.torque_nm
+        return contact, solve_shear(
+            contact, self._gel, self.finger.friction, across, torque_nm=torque, before=before,
+            tolerance=TOLERANCE,
+        )  # fmt: skip
 
     @property
     def _gel(self) -> Elastomer:
         sensor = self.sensor
         return Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
 
-    def markers(self, grid: tuple[int, int] = (9, 7)) -> Markers:
-        """Return markers on the gel, see `moved_markers`.
+    def markers(self, grid: tuple[int, int] = (9, 7), before: Shear | None = None) -> Markers:
+        """Return markers on the gel, see `moved_markers`; `before` as of `sheared_after`.
 
         Raises
         ------
         QueryError
             As `sheared`, or a grid that is none.
         """
-        return moved_markers(self.sensor, *self.sheared, grid)
+        sheared = self.sheared if before is None else self.sheared_after(before)
+        return moved_markers(self.sensor, *sheared, grid)
 
 
 class LiveTouch:
@@ -266,8 +287,11 @@ class LiveTouch:
             raise QueryError(name, finding, "Make its contact stiffer, or press less.")
         force, see = sum(forces.values()) @ frame[:3, :3], partial(self._seers[body, name].see, pose, near)
         touched = body if near.greatest > 0 else None
+        torque = _torque_nm(name, frame, [contact for each in met.values() for contact in each])
         patches = self._patches[body]
-        return Felt(finger, name, sensor, touched, pose, near.greatest, force, advanced_m, patches, see)
+        return Felt(
+            finger, name, sensor, touched, pose, near.greatest, force, advanced_m, torque, patches, see
+        )
 
     def _met(self, body: str, name: str, frame: Floats, depth_m: float) -> tuple[Floats, Near, float]:
         """Return a sensor's pose in the frame of a body, its faces near the gel, and how far it was taken on.
@@ -315,3 +339,14 @@ def _force_n(name: str, touching: Sequence[Touching]) -> Floats:
     for one in touching:
         force += (1.0 if one.bodies[1] == name else -1.0) * (one.force_n * one.normal + one.friction_n)
     return force
+
+
+def _torque_nm(name: str, frame: Floats, touching: Sequence[Touching]) -> float | None:
+    """Return the torque that `Felt.torque_nm` is, of a sensor at a frame (4, 4) of the world."""
+    forces = np.array([_force_n(name, [one]) for one in touching]).reshape(-1, 3) @ frame[:3, :3]
+    bearing = np.maximum(-forces[:, 0], 0.0)
+    if np.count_nonzero(bearing) < 2:
+        return None
+    points = (np.array([one.point_m for one in touching]) - frame[:3, 3]) @ frame[:3, 1:3]
+    y, z = (points - bearing @ points / bearing.sum()).T
+    return float(np.sum(y * forces[:, 2] - z * forces[:, 1]))

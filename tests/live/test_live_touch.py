@@ -258,6 +258,30 @@ def test_markers_are_dragged_the_way_the_object_pulls():
     assert (dragged.drawn_on(image) != still.drawn_on(image)).any()
 
 
+def test_two_contacts_twist_the_gel_and_what_slipped_stays():
+    pose = pressed().sensor_to_object[0]
+
+    def contacts(across_n):
+        places = (0.0, 0.002, 0.015), (0.0, -0.002, 0.015)
+        return [
+            bearing(pose, [-2.0, 0.0, side * across_n], place)
+            for side, place in zip((1, -1), places, strict=True)
+        ]
+
+    twisted = felt(pose, contacts=contacts(0.3))
+    assert twisted.torque_nm == pytest.approx(0.3 * 0.004)
+    assert felt(pose, contacts=contacts(0.3)[:1]).torque_nm is None
+    shear = twisted.sheared[1]
+    # A torque on the gel about +x turns it from y to z: rows descend in z and columns in y.
+    assert shear.twist_rad < 0
+    rest = felt(pose, contacts=contacts(0.0))
+    assert abs(rest.sheared[1].twist_rad) < 1e-3 * abs(shear.twist_rad)
+    released = rest.sheared_after(shear)[1]
+    assert 0.01 < released.twist_rad / shear.twist_rad < 0.9
+    kept = rest.markers(before=shear).displacement_m - rest.markers().displacement_m
+    assert np.abs(kept).max() > 1e-7
+
+
 def squeezed(engine, tilt_deg, friction=0.6):
     """A plate with the mug's file that lies on a finger's gel, both leaning, after half a second."""
     top = MUG.touch.sensor.gel_apex_m[0]
