@@ -116,8 +116,8 @@ class NormalEquations:
         """Return the table of least squared error, held smooth; `smoothness` as of `fit_table`.
 
         `uniformity` is the weight of the mean squared difference between how a node depends on the place and
-        a share of how the untouched gel does. With a share of 1 a slope then changes the gel everywhere alike;
-        with 0 it looks everywhere alike.
+        a share of how the untouched gel does. With a share of 1 a slope then changes the gel everywhere
+        alike; with 0 it looks everywhere alike.
         """
         from scipy.sparse.linalg import spsolve
 
@@ -158,7 +158,7 @@ def gel_pixels(sensor: Sensor, untouched: np.ndarray) -> np.ndarray:
 def ball_pixels(
     sensor: Sensor, image: np.ndarray, centre: np.ndarray, depth: float, radius: float, share: float = TRUSTED
 ) -> np.ndarray:
-    """Return what the pixels in a share of a ball's contact radius say; arguments as of `fit_table`, of one."""
+    """Return what the pixels in a share of a ball's contact say; arguments as of `fit_table`, of one."""
     position, normal, trusted = _ball(sensor, _rays(sensor)[0], centre, depth, radius, share)
     return _seen(sensor, position, normal, image, trusted)
 
@@ -192,7 +192,7 @@ def normal_equations(pixels: np.ndarray, shape: tuple[int, int]) -> NormalEquati
 def _ball(
     sensor: Sensor, rays: np.ndarray, centre: np.ndarray, depth: float, radius: float, share: float = TRUSTED
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where rays (3, n) meet a ball, from the camera; its normals; and which meet it in a share of the contact."""
+    """Where rays (3, n) meet a ball, from the camera; its normals; which are in a share of the contact."""
     camera = np.asarray(sensor.camera_position_m)
     lowest = float(gel_surface(sensor, centre[0], centre[1])) - depth
     middle = np.array([lowest + radius, *centre]) - camera
