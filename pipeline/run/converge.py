@@ -24,6 +24,7 @@ from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
 from pipeline.run.run_record import RunRecord
 from pipeline.store import shared
+from pipeline.store.storage import disk_error
 
 CLUSTER_S = 5.0  # wall seconds that a cluster of this machine takes to start, and its processes to import
 
@@ -91,7 +92,7 @@ def converge(
     Raises
     ------
     SimulationError
-        Nobody can run tasks any more. What is finished stays finished.
+        Nobody can run tasks any more, or the disk is full. What is finished stays finished.
     """
     removed = {stage.name: _tidy(stage, root, {*rows, *others}) for stage in stages}
     verified, progress = Verified(root), FlowProgress({one.name: sorted(one.follows) for one in stages})
@@ -110,7 +111,10 @@ def converge(
         before = {stages[0].name: tuple(refused)}
         summaries = [_summary(name, flow, gone, before.get(name, ())) for name, gone in removed.items()]
         failures = [failure for summary in summaries for failure in summary.failures]
-        write_failures(root, failures, stages, others)
+        try:
+            write_failures(root, failures, stages, others)
+        except OSError as error:
+            raise disk_error(error, root / "data") from error
         for summary in summaries:
             record.stage(summary.stage, summary.removed, **summary.counts)
     _print_first(failures)

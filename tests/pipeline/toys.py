@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -162,12 +162,8 @@ class Toys:
         return converge(stages or self.stages, self.root, self.parameters, self.rows, runner_for or here)
 
     def commit(self) -> None:
-        """Put all products into DVC's cache, as DVC does, and note which they are."""
-        cache = ProductCache(self.root)
-        entries = list_products(self.root, self.stages, Verified(self.root))
-        for entry in entries:
-            copy_file(self.root / entry.path, cache.path(entry.md5))
-        cache.add(entries)
+        """Put all products into DVC's cache."""
+        commit(self.root, self.stages)
 
     def save(self) -> None:
         """Write what a driver process needs."""
@@ -181,6 +177,16 @@ class Toys:
         lines = log.read_text().splitlines() if log.exists() else []
         log.unlink(missing_ok=True)
         return sorted(lines)
+
+
+def commit(root: Path, stages: Iterable[Stage]) -> None:
+    """Put all products into DVC's cache, as DVC does, and note which they are."""
+    cache = ProductCache(root)
+    entries = list_products(root, stages, Verified(root))
+    for entry in entries:
+        if not cache.path(entry.md5).exists():
+            copy_file(root / entry.path, cache.path(entry.md5))
+    cache.add(entries)
 
 
 class Here:

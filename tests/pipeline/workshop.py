@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from toys import REPOSITORY, here
+from toys import REPOSITORY, commit, here
 
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.records import read_table
@@ -236,7 +236,9 @@ class Workshop:
         """Converge all stages at once."""
         parameters = self.parameters
         rows = read_table(self.root, parameters.objects).rows
-        return converge(self.stages, self.root, parameters, rows, here)
+        summaries = converge(self.stages, self.root, parameters, rows, here)
+        commit(self.root, self.stages)
+        return summaries
 
     def executed(self) -> set[str]:
         """Converge, and return what was executed, each no more than once."""
