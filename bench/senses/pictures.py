@@ -34,7 +34,7 @@ def draw_hero(path: Path, data: Path, products: dict[str, Product]) -> None:
         shown = file.pictures(1, 512)[0]
         axes[0, index].imshow(shown[np.ix_((shown < 255).any((1, 2)), (shown < 255).any((0, 2)))])
         touches = product["touch_answer"]
-        if index % 2 == 0 and "strike_amplitudes" in product:
+        if index % 2 == 0 and "strike_steps" in product:
             level = _level(_frames(stored_strike(product, 1, 0)))[:, :512].T
             axes[1, index].imshow(level, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB)
         else:
