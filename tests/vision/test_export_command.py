@@ -11,9 +11,14 @@ from vision_shapes import cube
 import objectfolder
 from objectfolder.mesh.mesh import mesh_arrays
 from objectfolder.products.store import Array, Product, write_product
+from objectfolder.surface.codec import encode_surface
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
+from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
+from objectfolder.vision.visionnet.visionnet import VisionNet
 from pipeline.cli import main
+from tests.small_file import bar_mesh
 
 RECORD = {
     "name": "A cube",
@@ -147,3 +152,19 @@ def test_an_object_file_becomes_gltf_with_the_colours_it_learned(small_file, tmp
     image = np.asarray(part.visual.material.baseColorTexture.convert("RGB"))
     texels = np.floor(part.visual.uv * [image.shape[1], -image.shape[0]] + [0, image.shape[0]]).astype(int)
     assert 60 < np.median(image[texels[:, 1], texels[:, 0], 1]) < 220
+
+
+@pytest.mark.slow
+def test_an_object_file_of_known_material_becomes_gltf_with_its_albedo(small_file, tmp_path, capsys):
+    file = objectfolder.load(small_file)
+    matt = Appearance(0.2, 0.0)
+    maps = sample_maps(stored_mesh(bar_mesh(), file.surface), file.frame, matt, "known")
+    known = VisionNet(
+        file.surface, file.frame, None, {}, radiance_scale=0.3, camera_radius=2.5, maps=maps, appearance=matt
+    )
+    encoded = encode_surface(file.surface)
+    made = file.of_encoders(encoded, file.frame, known, file.modes, file.touch.net, file.description)
+    made.save(tmp_path / "known.safetensors")
+    asked = ["export", str(tmp_path / "known.safetensors"), "--format", "gltf", "--texture-side", "64"]
+    assert main([*asked, "-o", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "known.glb").exists()

@@ -114,13 +114,17 @@ def stored_colours(
             "the source's texture at the nearest point",
             0.0,
         )
+    sight, words = (
+        file.description["vision"],
+        "VisionNet's reflectance along the normal, without the clear coat",
+    )
     # A quarter of a cell of the network's grid: between, its colours are nearly linear.
-    finest_m = file.frame.scale / file.description["vision"]["grid_resolution"] / 4
+    finest = sight["maps"]["albedo"]["pitch"] if file.vision.computed else 0.25 / sight["grid_resolution"]
     return (
         surface,
         lambda face, at: network_colour(file.vision, surface, file.frame, face, at, appearance.metallic),
-        "VisionNet's reflectance along the normal, without the clear coat",
-        finest_m,
+        "the albedo that the file states" if file.vision.computed else words,
+        file.frame.scale * finest,
     )
 
 
