@@ -47,7 +47,8 @@ def opened_folder(folder: str, revision: str | None = None) -> Iterator[Any]:
     root = Path(Repo.find_root(folder))
     _check_settings(root, revision)
     note_site_cache(root)
-    with contextlib.closing(Repo.open(str(root), rev=revision, uninitialized=False)) as repository:
+    # `Repo.open` would take the folder's own cache for its remote where it has none.
+    with contextlib.closing(Repo(str(root), rev=revision)) as repository:
         yield repository
 
 

@@ -26,6 +26,8 @@ def check_scene(scene: Path) -> None:
         No XML, or more of something than a scene of objects has: elements, also by repetition, values of a
         grid, bytes or files; a name of what is no file; a plugin.
     """
+    if not scene.is_file():
+        raise InputError(str(scene), "no scene: there is no such file", REMEDY)
     _Scan(scene).elements(scene)
 
 
