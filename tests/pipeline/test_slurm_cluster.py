@@ -75,7 +75,9 @@ def test_jobs_come_with_work_and_go_without_it(commands, tmp_path):
         assert client.submit(sum, [1, 2]).result() == 3  # and come again
     eventually(lambda: not jobs())
     gc.collect()
-    assert [path.name for path in (tmp_path / ".objectfolder").iterdir()] == ["jobs"]  # no key is left
+    state = tmp_path / ".objectfolder"
+    assert {path.name for path in state.iterdir()} == {"jobs", "keys"}
+    assert list((state / "keys").iterdir()) == []
 
 
 def stays_the_first_time(mark: Path) -> str:
