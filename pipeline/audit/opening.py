@@ -112,14 +112,14 @@ def _check_settings(root: Path, revision: str | None) -> None:
         for level in settings.SYSTEM_LEVELS:
             merge(everywhere, settings.load_one(level))
         here = settings.load_one("local")
-        for name, said in _remotes(settings.load_one("repo")).items():
-            known, local = _remotes(everywhere).get(name, {}), _remotes(here).get(name, {})
-            for key in sorted(said.keys() - local.keys()):
+        for name, options in _remotes(settings.load_one("repo")).items():
+            of_user, local = _remotes(everywhere).get(name, {}), _remotes(here).get(name, {})
+            for key in sorted(options.keys() - local.keys()):
                 if key not in TAKEN:
                     finding = f"remote {name!r} sets {key}, which is taken from your own settings alone"
                     remedy = f"In a clone: `dvc remote modify --local {name} {key} VALUE`, if you want it."
                     raise InputError(SETTINGS, finding, remedy)
-                if key in PLACE and known and known.get(key) != said[key]:
+                if key in PLACE and of_user and of_user.get(key) != options[key]:
                     finding = f"remote {name!r} sets another {key} than your settings for all repositories"
                     raise InputError(SETTINGS, finding, f"Give your own {name!r} another name.")
 
@@ -127,8 +127,8 @@ def _check_settings(root: Path, revision: str | None) -> None:
 def _remotes(settings: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the remotes of settings that DVC has not checked yet; what is none it refuses later."""
     remotes = settings.get("remote")
-    found = remotes if isinstance(remotes, dict) else {}
-    return {name: said for name, said in found.items() if isinstance(said, dict)}
+    by_name = remotes if isinstance(remotes, dict) else {}
+    return {name: options for name, options in by_name.items() if isinstance(options, dict)}
 
 
 @contextlib.contextmanager

@@ -73,7 +73,9 @@ def write_manifest(
     )
     entries = [*list_products(root, stages, verified), *failed]
     _write_entries(root, entries)
-    summary = {stage.name: _summary([one for one in entries if one.stage == stage.name]) for stage in stages}
+    summary = {
+        stage.name: _summary([entry for entry in entries if entry.stage == stage.name]) for stage in stages
+    }
     write_whole(root / MANIFEST, json.dumps({"stages": summary}, indent=1) + "\n")
     return entries
 

@@ -42,7 +42,7 @@ def parameters(section: Any, prefix: str = "") -> Iterator[Parameter]:
         if dataclasses.is_dataclass(kind):
             yield from parameters(kind, f"{prefix}{name}.")
             continue
-        bounds = next((one for one in (*field.metadata, *_inner(kind)) if isinstance(one, Bounds)), None)
+        bounds = next((note for note in (*field.metadata, *_inner(kind)) if isinstance(note, Bounds)), None)
         yield Parameter(
             prefix + name, _words(kind), bounds, field.description or (bounds and bounds.meaning) or ""
         )
@@ -51,8 +51,10 @@ def parameters(section: Any, prefix: str = "") -> Iterator[Parameter]:
 def page() -> str:
     """Return the page, in Markdown."""
     rows = []
-    for one in (*parameters(CommonParameters), *parameters(SizeParameters)):
-        rows.append(f"| `{one.name}` | {one.type} | {one.bounds or ''} | {one.meaning} |\n")
+    for parameter in (*parameters(CommonParameters), *parameters(SizeParameters)):
+        rows.append(
+            f"| `{parameter.name}` | {parameter.type} | {parameter.bounds or ''} | {parameter.meaning} |\n"
+        )
     return f"{HEAD}{''.join(rows)}{FOOT}"
 
 

@@ -33,10 +33,10 @@ def use_own_site_cache() -> Path:
     remedy = f"Set {SITE_CACHE} to a folder that you alone may write."
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.stat()
+        status = folder.stat()
     except OSError as error:
         raise InputError(str(folder), f"cannot hold what DVC notes ({error.strerror})", remedy) from error
-    if found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise InputError(str(folder), "others may write it, and DVC runs what lies there", remedy)
     os.environ[SITE_CACHE] = str(folder)
     return folder

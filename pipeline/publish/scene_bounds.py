@@ -47,18 +47,22 @@ class _Scan:
             raise self._error(f"names more than {MOST_FILES} files of MJCF")
         self._counts[path] = 0  # in itself it counts as nothing: MuJoCo refuses that
         root = self._parsed(path)
-        folders = [path.parent / one.get(name, "") for one in root.iter("compiler") for name in FOLDERS]
+        folders = [
+            path.parent / element.get(name, "") for element in root.iter("compiler") for name in FOLDERS
+        ]
         models: dict[str, int] = {}
-        for one in root.iter():
-            self._check_grid(one)
-            if (file := one.get("file")) is not None:
+        for element in root.iter():
+            self._check_grid(element)
+            if (file := element.get("file")) is not None:
                 places = [folder / file for folder in (path.parent, *folders)]
-                found = next((place for place in places if place.exists()), None)
-                if found is not None:
-                    self._check_file(found)
-                    if one.tag in FILES_OF_MJCF:
-                        models[one.get("name", file) if one.tag == "model" else file] = self.elements(found)
-        self._counts[path] = sum(self._count(one, models, 0) for one in root)
+                existing = next((place for place in places if place.exists()), None)
+                if existing is not None:
+                    self._check_file(existing)
+                    if element.tag in FILES_OF_MJCF:
+                        models[element.get("name", file) if element.tag == "model" else file] = self.elements(
+                            existing
+                        )
+        self._counts[path] = sum(self._count(element, models, 0) for element in root)
         return self._counts[path]
 
     def _parsed(self, path: Path) -> ElementTree.Element:
@@ -71,25 +75,25 @@ class _Scan:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             raise self._error(f"no scene of MuJoCo: {path.name}: {error}") from error
 
-    def _count(self, one: ElementTree.Element, models: dict[str, int], depth: int) -> int:
+    def _count(self, element: ElementTree.Element, models: dict[str, int], depth: int) -> int:
         """Return how many elements an element becomes, those inside counted."""
         if depth > DEEPEST:
             raise self._error(f"is nested more than {DEEPEST} deep")
-        if one.tag in ("extension", "plugin"):
+        if element.tag in ("extension", "plugin"):
             raise self._error("names a plugin")
-        times = math.prod(_whole_numbers(one.get("count", ""))) if one.tag in REPEATED else 1
-        brought = {"attach": one.get("model", ""), "include": one.get("file", "")}.get(one.tag, "")
-        inside = sum(self._count(part, models, depth + 1) for part in one)
-        count = max(1, times) * (1 + models.get(brought, 0) + inside)
+        times = math.prod(_whole_numbers(element.get("count", ""))) if element.tag in REPEATED else 1
+        model = {"attach": element.get("model", ""), "include": element.get("file", "")}.get(element.tag, "")
+        inside = sum(self._count(part, models, depth + 1) for part in element)
+        count = max(1, times) * (1 + models.get(model, 0) + inside)
         if count > MOST_ELEMENTS:
-            raise self._error(f"becomes more than {MOST_ELEMENTS} elements at <{one.tag}>")
+            raise self._error(f"becomes more than {MOST_ELEMENTS} elements at <{element.tag}>")
         return count
 
-    def _check_grid(self, one: ElementTree.Element) -> None:
+    def _check_grid(self, element: ElementTree.Element) -> None:
         for names in GRIDS:
-            values = math.prod(number for name in names for number in _whole_numbers(one.get(name, "")))
+            values = math.prod(number for name in names for number in _whole_numbers(element.get(name, "")))
             if values > MOST_VALUES:
-                raise self._error(f"<{one.tag}> has {values} values, more than {MOST_VALUES}")
+                raise self._error(f"<{element.tag}> has {values} values, more than {MOST_VALUES}")
 
     def _check_file(self, path: Path, most: int = MOST_FILE_BYTES) -> None:
         if not path.is_file():  # a device has no end

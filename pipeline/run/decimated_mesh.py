@@ -37,8 +37,8 @@ def with_decimated_mesh(
     mesh = load_mesh(described.mesh, described.texture, up=described.up, any_count=True)
     result = decimate(mesh, faces)
     if result.mesh is mesh:
-        said = f"its {len(mesh.faces)} faces are no more than {faces}: it is not decimated"
-        return replace(described, decimate=None), (said,)
+        remark = f"its {len(mesh.faces)} faces are no more than {faces}: it is not decimated"
+        return replace(described, decimate=None), (remark,)
     appearance = Appearance(
         material.roughness if described.roughness is None else described.roughness,
         material.metallic if described.metallic is None else described.metallic,
@@ -47,9 +47,9 @@ def with_decimated_mesh(
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(path, result.mesh, appearance, Credit(described.object_id or described.mesh.stem))
     length_m = described.length_m or float(mesh.extents.max())
-    said = (
+    remark = (
         f"decimated from {result.faces_before} to {len(result.mesh.faces)} faces: the surfaces lie within "
         f"{1e3 * result.distance_share * length_m:.2g} mm of one another, {result.distance_share:.1e} of the "
         "length"
     )
-    return replace(described, mesh=path, texture=None, up=None, decimate=None), (said, *mesh.remarks)
+    return replace(described, mesh=path, texture=None, up=None, decimate=None), (remark, *mesh.remarks)

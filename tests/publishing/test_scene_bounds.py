@@ -18,7 +18,7 @@ def scene(folder, text, name="scene.xml"):
 
 
 def attached(model: str, times: int) -> str:
-    """A model of the assets, so many times."""
+    """Return a model with the assets repeated."""
     bodies = f'<attach model="{model}" body="b"/>' * times
     return f'<asset><model name="{model}" file="{model}.xml"/></asset><worldbody>{bodies}</worldbody>'
 

@@ -140,10 +140,10 @@ class _Session(requests.Session):
 def is_inward(url: str) -> bool:
     """Return whether an address is of this machine, or of its own link: others cannot ask there, it can."""
     try:
-        found = socket.getaddrinfo(urlsplit(url).hostname, None)
+        addresses = socket.getaddrinfo(urlsplit(url).hostname, None)
     except (OSError, ValueError):  # it has no such name, or a proxy knows it
         return False
-    for *_, place in found:
+    for *_, place in addresses:
         host = ipaddress.ip_address(str(place[0]).partition("%")[0])
         host = getattr(host, "ipv4_mapped", None) or host
         if host.is_loopback or host.is_link_local or host.is_unspecified:
