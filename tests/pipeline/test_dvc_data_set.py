@@ -10,6 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
+from chaos import is_gone
 from patience import wait_until
 from repositories import opened
 from toys import read_record
@@ -194,7 +195,7 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
         wait_until(lambda: any((root / "runs").glob("*")) and len(below(dvc.pid)) > 2, "a task")
         processes = below(dvc.pid)
         dvc.kill()
-    wait_until(lambda: not any(process.is_running() for process in processes), "the end of all processes")
+    wait_until(lambda: all(map(is_gone, processes)), "the end of all processes")
     repository.mesh(FIRST).write_text(mesh)
     assert repository.repro() == []
     assert repository.products() == second
