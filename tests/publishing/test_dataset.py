@@ -246,7 +246,7 @@ def changed(small_set, root, kind, **arrays):
 def test_silence_is_left_out_unless_asked_for(small_set, small_file, tmp_path):
     silent = {"frequencies_hz", "eigenvalues", "dampings_per_s", "radiation_weights", "mode_shapes"}
     root = changed(small_set, tmp_path, "modes", **dict.fromkeys(silent, lambda values: values[..., :0]))
-    with pytest.raises(InputError, match=r"changed: no mode up to 19845 Hz.*all_queries=True"):
+    with pytest.raises(InputError, match=r"changed: no mode up to 20021 Hz.*all_queries=True"):
         of(root, "audio")
     everything = of(root, "audio", all_queries=True)
     assert len(everything) == COUNTS["audio"][1]

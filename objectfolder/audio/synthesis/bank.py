@@ -49,7 +49,7 @@ def mode_bank(
     Parameters
     ----------
     eigenvalues
-        (modes,) undamped omega^2, rad^2/s^2, positive; modes whose damped frequency is above 0.45 of the
+        (modes,) undamped omega^2, rad^2/s^2, positive; modes whose damped frequency is above 0.454 of the
         sample rate are left out, over- and critically damped ones are not.
     dampings_per_s
         (modes,) decay rates c, not negative.

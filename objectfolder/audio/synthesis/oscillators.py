@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.errors import QueryError
 
 Floats = NDArray[np.float64]
-# Modes nearer to half the sample rate than this would sound at another pitch.
-HIGHEST_RATIO = 0.45
+# Of the sample rate: modes above it are left out, those above half of it would sound at another pitch. At
+# 44.1 kHz all up to 20 kHz are heard.
+HIGHEST_RATIO = 0.454
 # From lambda < this c^2 on the two exponentials are apart enough to be kept as such.
 APART = 0.75
 LARGEST = 1e60  # squares stay finite
@@ -105,7 +106,7 @@ class Oscillators:
         return np.where(spread > 0, self.eigenvalues / np.where(fast > 0, fast, 1.0), fast), fast
 
     def audible(self) -> NDArray[np.bool_]:
-        """Modes up to 0.45 of the sample rate, (modes,); others would alias."""
+        """Modes up to 0.454 of the sample rate, (modes,); others would alias."""
         return np.asarray(self.frequencies_hz <= HIGHEST_RATIO * self.sample_rate_hz)
 
     def basis(self, offsets: ArrayLike) -> tuple[Floats, Floats]:

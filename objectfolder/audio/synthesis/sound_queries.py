@@ -94,7 +94,7 @@ class SoundQueries:
         duration_s
             Seconds.
         sample_rate_hz
-            Hertz; modes above 0.45 of it are left out, they would alias.
+            Hertz; modes above 0.454 of it are left out, they would alias.
         modes
             Number of the lowest modes to sound; all by default.
         forces_n

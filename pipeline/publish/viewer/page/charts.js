@@ -22,7 +22,7 @@
       .map((amplitude, mode) => ({
         hz: frequencies[mode], decay: dampings[mode], level: 20 * Math.log10(Math.abs(amplitude) / strongest),
       }))
-      .filter(({ hz, level }) => hz > 0 && hz <= 0.45 * sampleRate && level > -120)
+      .filter(({ hz, level }) => hz > 0 && hz <= 0.454 * sampleRate && level > -120)
       .sort((a, b) => energy(b) - energy(a));
   }
 

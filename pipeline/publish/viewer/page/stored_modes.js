@@ -5,7 +5,7 @@
   const NEIGHBOURS = 64;
   const RIDGE = 1e-5;
   // Modes nearer to half the sample rate than this would sound at another pitch (`synthesis.oscillators`).
-  const HIGHEST_RATIO = 0.45;
+  const HIGHEST_RATIO = 0.454;
   // A mode ends where it has fallen to this fraction.
   const FLOOR = 1e-6;
 
