@@ -170,14 +170,6 @@ def test_rays_are_asked_in_metres(bar: ObjectFile) -> None:
     np.testing.assert_allclose(seen, unit, atol=1e-6)
 
 
-def test_the_device_is_that_asked_for(bar: ObjectFile) -> None:
-    plain = bar.on("cpu")
-    assert plain.vision.device == "cpu"
-    assert plain.description == bar.description
-    with pytest.raises(QueryError, match="device: 'abacus'"):
-        bar.on("abacus")
-
-
 def test_a_camera_that_looks_away_sees_white(bar: ObjectFile) -> None:
     cameras, lights = bar.sample_views(1, seed=3)
     cameras[0, :3, 0] *= -1

@@ -296,26 +296,6 @@ class ObjectFile:
             self.surface, self.frame, self.vision, self.modes, self.touch.net, described, self._tensors
         )
 
-    def on(self, device: str = "cpu") -> "ObjectFile":
-        """Return the same object, rendered on another device, `file.vision.device`; see `VisionNet.on`.
-
-        Raises
-        ------
-        QueryError
-            A device that is not at hand.
-
-        Examples
-        --------
-        >>> import objectfolder
-        >>> bar = objectfolder.load("bar.safetensors")
-        >>> str(bar.on("cpu").vision.device)
-        'cpu'
-        """
-        seen = self.vision.on(device)
-        return ObjectFile(
-            self.surface, self.frame, seen, self.modes, self.touch.net, self.description, self._tensors
-        )
-
     def content(self) -> TensorFile:
         """Return the file's tensors and metadata; equal objects give equal bytes.
 

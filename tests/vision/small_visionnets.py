@@ -6,40 +6,39 @@ import torch
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.reflectance import Reflectance
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
-from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
-WAYS = ("compiled", "torch")
-# Radiance in single precision, of values near 1.
-ROUNDING = 2e-6
+WAYS = ("learned", "known")
+MATT = Appearance(0.5, 0.0, 0.0)
 
 
-def rendered_by(net: VisionNet, way: str) -> VisionNet:
-    """Return the same VisionNet, rendered on the CPU by kernels or by torch."""
-    other = net.on("cpu")
-    if way == "torch":
-        other._renderer = TorchRenderer(net._surface, net._grid, net._weights, net.radiance_scale)
-    return other
+class Even(Material):
+    """One albedo all over."""
+
+    albedo = 0.5
+
+    def states(self, name: str) -> bool:
+        return True
+
+    def value(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        if name == "albedo":
+            return np.full((len(face), 3), self.albedo)
+        return super().value(name, face, barycentric)
 
 
-def way_of(net: VisionNet) -> str:
-    return "torch" if isinstance(net._renderer, TorchRenderer) else "compiled"
-
-
-def assert_alike(answer: np.ndarray, expected: np.ndarray, way: str) -> None:
-    """Answers (..., 4) to the same rays in different company: equal, or for torch's way apart by rounding.
-
-    Torch multiplies matrices by libraries that may round a row by its place among others. One pixel may
-    differ by more: one whose few rays differ by just as much as makes it uneven.
-    """
-    if way == "compiled":
-        np.testing.assert_array_equal(answer, expected)
-        return
-    assert answer.shape == expected.shape
-    apart = np.abs(answer - expected) > ROUNDING * (1 + np.abs(expected))
-    assert apart.any(axis=-1).sum() <= 1
+def visionnet(surface: Surface | TexturedMesh, way: str) -> VisionNet:
+    """A VisionNet whose light is of a network of drawn weights, or of an even matt material."""
+    if way == "learned":
+        return drawn_visionnet(surface)
+    surface = surface.surface if isinstance(surface, TexturedMesh) else surface
+    frame = UnitFrame.of_points(surface.vertices)
+    net = VisionNet(surface, frame, None, {}, radiance_scale=0.5, camera_radius=2.5, appearance=MATT)
+    net._material = Even(None, MATT)
+    return net
 
 
 def drawn_visionnet(surface: Surface | TexturedMesh, seed: int = 0, resolution: int = 32) -> VisionNet:

@@ -7,6 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_meshes import joined
 from small_visionnets import drawn_visionnet
+from torch_renderer import TorchRenderer
 from vision_shapes import sphere
 
 from objectfolder.errors import FormatError, QueryError
@@ -14,7 +15,6 @@ from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, un
 from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compiled.renderer import MANY
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 from tests.drawn_examples import few_examples
 
 WHITE = np.ones((1, 3))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from small_meshes import box, joined
-from small_visionnets import WAYS, drawn_visionnet, rendered_by, way_of
+from small_visionnets import WAYS, visionnet
 from vision_shapes import cube, sphere
 
 from objectfolder.surface.surface import Surface
@@ -49,7 +49,7 @@ def way(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def cubic(way: str) -> VisionNet:
-    return rendered_by(drawn_visionnet(cube()), way)
+    return visionnet(cube(), way)
 
 
 def irradiance(net: VisionNet, origins, towards, light) -> np.ndarray:
@@ -62,7 +62,7 @@ def irradiance(net: VisionNet, origins, towards, light) -> np.ndarray:
 
 
 def test_a_light_inside_a_closed_cavity_lights_the_inside_alone(way: str) -> None:
-    net, light = rendered_by(drawn_visionnet(room()), way), np.array([0.1, 0.05, 0.0])
+    net, light = visionnet(room(), way), np.array([0.1, 0.05, 0.0])
     outside = uniform_on_sphere(200, 2.5, np.random.default_rng(0))
     assert not irradiance(net, outside, np.zeros((200, 3)), light).any()
     # The wall x = 0.4 from within: 0.3 away, head on.
@@ -76,7 +76,7 @@ def test_a_light_inside_a_closed_cavity_lights_the_inside_alone(way: str) -> Non
 
 
 def test_a_light_in_the_mouth_of_a_cup_lights_its_floor_and_no_outer_wall(way: str) -> None:
-    net, light = rendered_by(drawn_visionnet(cup()), way), np.array([0.0, 0.0, 0.2])
+    net, light = visionnet(cup(), way), np.array([0.0, 0.0, 0.2])
     floor = irradiance(net, np.array([[0.0, 0.0, 2.0]]), np.array([[0.0, 0.0, 0.0]]), light)
     assert floor[0] == pytest.approx(1 / 0.6**2, rel=1e-6)
     side = np.array([[2.0, 0.1, 0.3], [-2.0, 0.1, 0.3], [0.1, 2.0, -0.3], [0.1, 0.1, -2.0]])
@@ -151,7 +151,7 @@ def test_an_empty_image_is_empty_in_every_pass(cubic: VisionNet) -> None:
 
 
 def test_grazing_rays_at_the_silhouette_of_a_sphere(way: str) -> None:
-    net = rendered_by(drawn_visionnet(sphere(0.2, (200, 200, 200), 4)), way)
+    net = visionnet(sphere(0.2, (200, 200, 200), 4), way)
     random = np.random.default_rng(3)
     origins = uniform_on_sphere(500, 2.5, random)
     across = np.cross(origins, random.normal(size=(500, 3)))
@@ -183,7 +183,7 @@ def test_images_that_are_not_square_are_parts_of_the_square_one(cubic: VisionNet
 
 def test_each_component_of_an_object_shadows_the_others(way: str) -> None:
     pair = joined(box([-0.5, -0.2, -0.2], [-0.1, 0.2, 0.2]), box([0.1, -0.2, -0.2], [0.5, 0.2, 0.2]))
-    net = rendered_by(drawn_visionnet(pair), way)
+    net = visionnet(pair, way)
     drawn = net.render(
         look_at(np.array([[0.0, -2.5, 0.0]])), np.array([0.9, 0.0, 0.0]), 60, FIELD_OF_VIEW, 16,
         passes=["rgba", "mask"],
@@ -199,7 +199,7 @@ def test_each_component_of_an_object_shadows_the_others(way: str) -> None:
     assert lit == pytest.approx(1 / 0.15**2, rel=1e-6)
 
 
-def test_flipped_shells_look_as_those_that_are_not(cubic: VisionNet) -> None:
+def test_flipped_shells_look_as_those_that_are_not(cubic: VisionNet, way: str) -> None:
     mesh = cube()
     flipped = Surface(mesh.vertices, mesh.faces[:, ::-1])
     some = Surface(
@@ -208,7 +208,7 @@ def test_flipped_shells_look_as_those_that_are_not(cubic: VisionNet) -> None:
     camera, light = look_at(np.array([[1.0, -1.4, 0.9]])), np.array([0.3, -0.5, 0.8])
     expected = cubic.render(camera, light, 30, FIELD_OF_VIEW, 4, passes=["rgba", "normal"])
     for surface in (flipped, some):
-        net = rendered_by(drawn_visionnet(surface), way_of(cubic))
+        net = visionnet(surface, way)
         net._weights, net._grid = cubic._weights, cubic._grid
         drawn = net.render(camera, light, 30, FIELD_OF_VIEW, 4, passes=["rgba", "normal"])
         np.testing.assert_allclose(drawn["rgba"], expected["rgba"], rtol=1e-4, atol=1e-5)
@@ -217,7 +217,7 @@ def test_flipped_shells_look_as_those_that_are_not(cubic: VisionNet) -> None:
 
 def test_shells_that_cut_through_one_another_are_drawn_from_both_sides(way: str) -> None:
     crossed = joined(box([-0.5, -0.2, -0.2], [0.5, 0.2, 0.2]), box([-0.2, -0.5, -0.2], [0.2, 0.5, 0.2]))
-    net = rendered_by(drawn_visionnet(crossed), way)
+    net = visionnet(crossed, way)
     cameras = look_at(uniform_on_sphere(4, 2.5, np.random.default_rng(5)))
     images = net.render(cameras, np.array([0.0, 0.0, 1.0]), 24, FIELD_OF_VIEW, 16)
     assert np.isfinite(images).all()

@@ -1,17 +1,15 @@
 """Many lights in one query, and rays that are answered alike in any company."""
 
-import importlib.util
 import tracemalloc
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from small_visionnets import WAYS, assert_alike, drawn_visionnet, rendered_by, way_of
+from small_visionnets import WAYS, visionnet
 from vision_shapes import cube
 
-from objectfolder.errors import MissingPackageError, QueryError
+from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
@@ -20,12 +18,7 @@ CAMERA = look_at(np.array([[1.5, -1.7, 1.0]]))
 
 @pytest.fixture(scope="module", params=WAYS)
 def net(request: pytest.FixtureRequest) -> VisionNet:
-    return rendered_by(drawn_visionnet(cube()), request.param)
-
-
-@pytest.fixture(scope="module")
-def torch_net() -> VisionNet:
-    return rendered_by(drawn_visionnet(cube()), "torch")
+    return visionnet(cube(), request.param)
 
 
 def rays_at_the_object(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +73,7 @@ def test_one_white_light_is_the_call_without_a_colour(net: VisionNet) -> None:
         (np.stack([light, [0.0, 0.0, 0.0]])[None], np.array([[1.0, 1, 1], [0, 0, 0]])),
     ):
         image = net.render(CAMERA, position, 40, 39.6, 16, light_colour=colour)
-        assert_alike(image, plain, way_of(net))
+        np.testing.assert_array_equal(image, plain)
 
 
 def test_views_with_lights_of_their_own_equal_each_alone(net: VisionNet) -> None:
@@ -93,9 +86,9 @@ def test_views_with_lights_of_their_own_equal_each_alone(net: VisionNet) -> None
         alone = net.render(
             cameras[view], lights[view : view + 1], (20, 28), 39.6, 16, light_colour=colours[view]
         )
-        assert_alike(alone[0], batch[view], way_of(net))
+        np.testing.assert_array_equal(alone[0], batch[view])
     shared = net.render(cameras, lights[:1], (20, 28), 39.6, 16, light_colour=colours[:1])
-    assert_alike(shared[0], batch[0], way_of(net))
+    np.testing.assert_array_equal(shared[0], batch[0])
     assert not np.array_equal(shared[1], batch[1])
 
 
@@ -116,7 +109,7 @@ def test_a_ray_s_answer_does_not_depend_on_its_company(net: VisionNet, count: in
     lights = np.array([[0.0, 0.0, 1.0], [-0.8, 0.6, 0.0]])
     some = slice(start, start + count)
     whole = net.radiance(origins, directions, lights)
-    assert_alike(net.radiance(origins[some], directions[some], lights), whole[some], way_of(net))
+    np.testing.assert_array_equal(net.radiance(origins[some], directions[some], lights), whole[some])
 
 
 def test_the_length_of_a_direction_plays_no_part(net: VisionNet) -> None:
@@ -126,7 +119,7 @@ def test_the_length_of_a_direction_plays_no_part(net: VisionNet) -> None:
         net.radiance(origins, 7 * directions, light), net.radiance(origins, directions, light), atol=1e-6
     )
     one = net.radiance(origins[0], directions, light)
-    assert_alike(one, net.radiance(np.repeat(origins[:1], 50, axis=0), directions, light), way_of(net))
+    np.testing.assert_array_equal(one, net.radiance(np.repeat(origins[:1], 50, axis=0), directions, light))
     assert net.radiance(np.zeros((0, 3)), np.zeros((0, 3)), light).shape == (0, 4)
 
 
@@ -140,11 +133,12 @@ def test_memory_does_not_grow_with_the_number_of_lights(net: VisionNet) -> None:
         tracemalloc.stop()
         return used
 
-    peak(1)
+    for lights in (1, 2, 24):  # what is remembered of them afterwards is bounded, and not what is meant
+        peak(lights)
     few = peak(2)
     assert peak(24) < 1.1 * few
-    # Nor, but for the answer and what is asked, with the number of rays.
-    assert peak(1, 120000) - few < 100000 * 500
+    # Nor, but for the answer and what is asked, with the number of rays; gloss asks more of each.
+    assert peak(1, 120000) - few < 100000 * (700 if net.computed else 500)
 
 
 @pytest.mark.release("objectfolder.vision")
@@ -158,46 +152,6 @@ def test_two_hundred_lights_of_an_environment_in_bounded_memory(net: VisionNet) 
     assert used < 120e6
     assert np.isfinite(image).all()
     assert image[0, 32, 32, :3].min() > 0
-
-
-def test_both_ways_answer_alike(net: VisionNet, torch_net: VisionNet) -> None:
-    random = np.random.default_rng(14)
-    origins, directions = rays_at_the_object(4000, 15)
-    lights, colours = uniform_on_sphere(3, 1.0, random), random.random((3, 3))
-    answer = net.radiance(origins, directions, lights, light_colour=colours)
-    expected = torch_net.radiance(origins, directions, lights, light_colour=colours)
-    # A ray past an edge, or a shadow's, may fall to either side in single precision.
-    apart = np.abs(answer - expected).max(axis=1) > 1e-3
-    assert apart.mean() < 1e-3
-    assert np.median(np.abs(answer - expected)) < 1e-6
-
-
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
-def test_a_gpu_answers_as_the_cpu_does(torch_net: VisionNet) -> None:
-    random = np.random.default_rng(12)
-    cameras, lights = look_at(uniform_on_sphere(2, 2.5, random)), uniform_on_sphere(2, 1.0, random)
-    gpu = torch_net.on("cuda")
-    assert gpu.device == "cuda"
-    origins, directions = rays_at_the_object(40000, 13)
-    np.testing.assert_allclose(
-        gpu.radiance(origins, directions, lights),
-        torch_net.radiance(origins, directions, lights),
-        atol=1e-3,
-    )
-    batch = gpu.render(cameras, lights, 48, 39.6, 16)
-    np.testing.assert_array_equal(gpu.render(cameras[1], lights[1], 48, 39.6, 16)[0], batch[1])
-
-
-def test_a_device_that_is_not_there_is_refused(net: VisionNet, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(QueryError, match=r"device: 'tpu'. Use 'cpu' or 'cuda'"):
-        net.on("tpu")
-    with monkeypatch.context() as without:
-        without.setattr(importlib.util, "find_spec", lambda name: None)
-        with pytest.raises(MissingPackageError, match="torch: is not installed"):
-            net.on("cuda")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(QueryError, match=r"no CUDA device here\. Use 'cpu'"):
-        net.on("cuda")
 
 
 @pytest.mark.parametrize(("lights", "colours", "word"), [

@@ -206,7 +206,25 @@ class CompiledRenderer:
     ) -> np.ndarray:
         """Render one view under point lights, whose contributions add up.
 
-        Arguments and answer are those of `TorchRenderer.render`; of `sub_rays` see `Effort`.
+        Parameters
+        ----------
+        camera_to_world
+            (4, 4) pose.
+        light_position, light_colour
+            (k, 3) positions, and factors of the data set's light in each channel.
+        size
+            (height, width), pixels.
+        field_of_view_deg
+            Angle over the longer side.
+        sub_rays
+            See `Effort`.
+        crop
+            (top, left, height, width) of the part that is wanted, pixels.
+
+        Returns
+        -------
+        np.ndarray
+            (h, w, 4) float32 scene-linear, premultiplied.
 
         Raises
         ------

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.vision.cameras import pixel_rays
+from objectfolder.vision.cameras import focal_length_px, pixel_rays
 from objectfolder.vision.network.incidence import UnitSurface
-from objectfolder.vision.rendering.pixel_integration import CHUNK, box_in_view
 
 CENTRE = np.array([[0.5, 0.5]])
+# Rays traced at a time: bounds the memory of a render.
+CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -81,3 +82,23 @@ def cast_pixel_centres(
     depth = depth.reshape(height, width)
     hits = (np.concatenate(column) for column in zip(*met, strict=True))
     return PixelCentres(depth, normal.reshape(height, width, 3), np.isfinite(depth), *hits)
+
+
+def box_in_view(
+    corners: np.ndarray, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows and the columns of the pixels in the box around the image of (n, 3) points."""
+    height, width = size
+    local = (corners - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
+    depth = -local[:, 2]
+    if depth.max(initial=0.0) <= 0:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    if depth.min() <= 1e-6:
+        # Points beside or behind the camera have no image: look everywhere.
+        return np.arange(height), np.arange(width)
+    focal = focal_length_px(size, field_of_view_deg)
+    x = width / 2 + focal * local[:, 0] / depth
+    y = height / 2 - focal * local[:, 1] / depth
+    columns = np.arange(max(0, int(np.floor(x.min()))), min(width, int(np.ceil(x.max())) + 1))
+    rows = np.arange(max(0, int(np.floor(y.min()))), min(height, int(np.ceil(y.max())) + 1))
+    return rows, columns

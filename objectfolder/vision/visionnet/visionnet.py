@@ -1,7 +1,5 @@
 """VisionNet: an object's appearance under any point light, from any camera."""
 
-import copy
-import importlib.util
 import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, overload
@@ -10,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from objectfolder.errors import FormatError, QueryError
-from objectfolder.extras import missing_package
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.query_values import point_rows, require_room
@@ -37,11 +34,9 @@ from objectfolder.vision.rendering.view_query import (
 
 if TYPE_CHECKING:
     from objectfolder.vision.compiled import CompiledRenderer
-    from objectfolder.vision.rendering.torch_renderer import TorchRenderer
 
 PREFIX = "vision."
 MAP = "map."
-DEVICES = ("cpu", "cuda")
 SUB_RAYS = 64
 MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
 MOST_RAYS = 1 << 33  # of all images of a query: some half an hour
@@ -89,8 +84,6 @@ class VisionNet:
         Whether light is computed from the material, and nothing is learned.
     radiance_scale, camera_radius, sub_rays
         As given.
-    device
-        Where it is rendered; `on` changes it.
     """
 
     def __init__(
@@ -115,8 +108,7 @@ class VisionNet:
         self._weights = dict(weights)
         self.computed = grid is None
         self.radiance_scale = radiance_scale
-        self.device = "cpu"
-        self._renderer: CompiledRenderer | TorchRenderer | None = None
+        self._renderer: CompiledRenderer | None = None
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of an Object File, names beginning with ``vision.``."""
@@ -175,54 +167,17 @@ class VisionNet:
             appearance=appearance,
         )
 
-    def on(self, device: str = "cpu") -> "VisionNet":
-        """Return the same VisionNet, rendered on another device.
-
-        Parameters
-        ----------
-        device
-            ``"cpu"``, by compiled kernels; or ``"cuda"``, where torch has the network and its features. Their
-            answers agree to 1e-3 in linear radiance.
-
-        Raises
-        ------
-        QueryError
-            A device that is not at hand; CUDA for an object of known material.
-        MissingPackageError
-            CUDA without torch.
-        """
-        if device not in DEVICES:
-            raise QueryError("device", f"{device!r}", "Use 'cpu' or 'cuda'.")
-        if device == "cuda":
-            if self.computed:
-                raise QueryError("device", "an object of known material on 'cuda'", "Use the device 'cpu'.")
-            if importlib.util.find_spec("torch") is None:
-                raise missing_package("torch", "cuda")
-            from objectfolder.vision.rendering.torch_renderer import require_cuda
-
-            require_cuda()
-        other = copy.copy(self)
-        other.device, other._renderer = device, None
-        return other
-
-    def _rendering(self) -> "CompiledRenderer | TorchRenderer":
-        """Make the renderer at the first query: importing numba or torch is slow."""
+    def _rendering(self) -> "CompiledRenderer":
+        """Make the renderer at the first query: importing numba is slow."""
         if self._renderer is None:
-            if self._grid is None:
-                from objectfolder.vision.compiled import CompiledRenderer
+            from objectfolder.vision.compiled import CompiledRenderer
 
+            if self._grid is None:
                 known = self._surface, self._material, self.radiance_scale
                 self._renderer = CompiledRenderer.of_material(*known)
-                return self._renderer
-            parts = self._surface, self._grid, self._weights, self.radiance_scale
-            if self.device == "cpu":
-                from objectfolder.vision.compiled import CompiledRenderer
-
-                self._renderer = CompiledRenderer(*parts)
             else:
-                from objectfolder.vision.rendering.torch_renderer import TorchRenderer
-
-                self._renderer = TorchRenderer(*parts, self.device)
+                learned = self._surface, self._grid, self._weights, self.radiance_scale
+                self._renderer = CompiledRenderer(*learned)
         return self._renderer
 
     @overload
@@ -316,13 +271,7 @@ class VisionNet:
         return self._material.value(name, face, barycentric)
 
     def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
-        if self.device != "cpu":
-            raise QueryError("lights", f"no environment on {self.device!r}", "Use the device 'cpu'.")
-        from objectfolder.vision.compiled import CompiledRenderer
-
-        renderer = self._rendering()
-        assert isinstance(renderer, CompiledRenderer)
-        return renderer.surrounded(camera, *asked)
+        return self._rendering().surrounded(camera, *asked)
 
     @renamed_keywords(light_position="lights")
     def radiance(

@@ -52,7 +52,7 @@ def render_views(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
     """Render views to PNG, further passes to PNG and .npy."""
     if wanted.turntable:
         return _turntable(path, wanted, output)
-    file = objectfolder.load(path).on(wanted.device)
+    file = objectfolder.load(path)
     lights = _lights(wanted, file)
     if not isinstance(wanted.views, Path):
         count = VIEWS if wanted.views is None else wanted.views
@@ -91,7 +91,6 @@ def _summary(file: ObjectFile, wanted: Rendering, output: Path, images: int) -> 
         width=width,
         passes=wanted.passes,
         lights=len(wanted.light),
-        device=str(file.vision.device),
         turntable=wanted.turntable,
     )
 
@@ -101,7 +100,7 @@ def _turntable(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
     if isinstance(wanted.views, Path) or wanted.light or wanted.environment or wanted.passes:
         finding = "has its own cameras and light"
         raise InputError("--turntable", finding, "Give a number of --views with it, and no light or passes.")
-    file = objectfolder.load(path).on(wanted.device)
+    file = objectfolder.load(path)
     count = FRAMES if wanted.views is None else wanted.views
     output.mkdir(parents=True, exist_ok=True)
     pictures = [Image.fromarray(one) for one in file.pictures(count, wanted.resolution)]

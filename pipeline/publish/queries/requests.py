@@ -39,8 +39,6 @@ class Rendering:
         depth (0000_depth.npy, metres along the camera's axis), normal (0000_normal.npy, object frame),
         albedo (linear), roughness, metallic (0000_albedo.npy and so on) or mask (0000_mask.png); may be given
         several times
-    device
-        where VisionNet runs: on the CPU by compiled kernels, by CUDA with torch
     """
 
     views: int | Path | None = None
@@ -54,7 +52,6 @@ class Rendering:
     sub_rays: int | None = None
     crop: tuple[int, int, int, int] | None = None
     passes: tuple[Literal["depth", "normal", "albedo", "roughness", "metallic", "mask"], ...] = ()
-    device: Literal["cpu", "cuda"] = "cpu"
 
 
 Beater = Literal["wood", "steel", "finger", "impulse"]

@@ -19,7 +19,7 @@ class SampleSummary:
 
 @dataclass(frozen=True, kw_only=True)
 class RenderSummary:
-    """Images and their sizes in pixels; lights that were given for all of them, and the device."""
+    """Images and their sizes in pixels; lights that were given for all of them."""
 
     folder: str
     images: int
@@ -27,7 +27,6 @@ class RenderSummary:
     width: int
     passes: tuple[str, ...]
     lights: int
-    device: str
     turntable: bool
 
     def __str__(self) -> str:
@@ -36,7 +35,7 @@ class RenderSummary:
         lights = f", {self.lights} light{'s' * (self.lights != 1)}" if self.lights else ""
         passes = f" with {', '.join(self.passes)}" if self.passes else ""
         size = f"{self.height} x {self.width} pixels"
-        return f"{self.folder}: {self.images} images of {size}{passes}{lights} ({self.device})"
+        return f"{self.folder}: {self.images} images of {size}{passes}{lights}"
 
 
 @dataclass(frozen=True, kw_only=True)

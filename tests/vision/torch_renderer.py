@@ -1,12 +1,12 @@
-"""Views of a stored surface by numpy and the network as it was trained: on a GPU, and to test the kernels."""
+"""Views by numpy and the network as it was trained: the reference of the compiled kernels."""
 
 from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
+import torch
 
-from objectfolder.errors import FormatError, QueryError
-from objectfolder.extras import needs_extra
+from bench.references.pixel_integration import integrate_pixels
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors
 from objectfolder.vision.network.reflectance import (
@@ -17,10 +17,6 @@ from objectfolder.vision.network.reflectance import (
     surrounding_inputs,
 )
 from objectfolder.vision.network.sparse_grid import SparseGrid
-from objectfolder.vision.rendering.pixel_integration import integrate_pixels
-
-with needs_extra("cuda"):
-    import torch
 
 # Points lit at a time: what a render holds at once does not grow with its lights or its rays.
 POINTS = 1 << 14
@@ -37,13 +33,6 @@ class TorchRenderer:
         Feature grid, and arrays of `reflectance.Reflectance` by name.
     radiance_scale
         P / (4 pi^2) of the data set's light, watts.
-    device
-        Where the network and its features are, ``"cpu"`` or ``"cuda"``; rays are traced on the CPU.
-
-    Raises
-    ------
-    FormatError
-        Weights that do not fit the network.
     """
 
     def __init__(
@@ -52,20 +41,15 @@ class TorchRenderer:
         grid: SparseGrid,
         weights: Mapping[str, np.ndarray],
         radiance_scale: float,
-        device: str = "cpu",
     ) -> None:
         self._surface = surface
         self._radiance_scale = radiance_scale
         self._grid = grid
-        self._device = torch.device(device)
         network = Reflectance(grid.sizes, mirrors=has_mirrors(weights.keys()))
-        try:
-            network.load_state_dict(
-                {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights.items()}
-            )
-        except RuntimeError as error:
-            raise FormatError("vision", f"tensors do not fit the network: {error}") from error
-        self._network = network.eval().to(self._device)
+        network.load_state_dict(
+            {name: torch.from_numpy(value.astype(np.float32)) for name, value in weights.items()}
+        )
+        self._network = network.eval()
         self._corners = surface.triangles.reshape(-1, 3)
 
     def render(
@@ -80,25 +64,7 @@ class TorchRenderer:
     ) -> np.ndarray:
         """Render one view under k lights.
 
-        Parameters
-        ----------
-        camera_to_world
-            (4, 4) pose.
-        light_position, light_colour
-            (k, 3) positions, and factors of the data set's light in each channel.
-        size
-            (height, width), pixels.
-        field_of_view_deg
-            Angle over the longer side.
-        sub_rays
-            Rays in a pixel where something ends, and an eighth of them elsewhere.
-        crop
-            (top, left, height, width) of the part that is wanted, pixels.
-
-        Returns
-        -------
-        np.ndarray
-            (h, w, 4) float32 scene-linear, premultiplied.
+        Arguments and answer are those of `CompiledRenderer.render`.
         """
         return integrate_pixels(
             partial(self.radiance, light_position=light_position, light_colour=light_colour),
@@ -160,7 +126,7 @@ class TorchRenderer:
                 met = surface.incidence(hits.face, hits.barycentric, hits.direction, light)
                 camera = np.einsum("ij,ij->i", points.normal[hits.row], points.to_camera[hits.row])
                 mirrored = Mirrored(
-                    torch.from_numpy(hits.row).to(self._device),
+                    torch.from_numpy(hits.row),
                     self._tensor(fifth_power_of_rim(camera)[:, None]),
                     features,
                     self._tensor(angle_inputs(met)),
@@ -174,22 +140,10 @@ class TorchRenderer:
                 self._tensor(points.irradiance),
                 mirrored,
             )
-            yield radiance.cpu().numpy()
+            yield radiance.numpy()
 
     def _levels(self, position: np.ndarray) -> list[torch.Tensor]:
         return self._network.levels(self._grid.interpolation(position.astype(np.float32)))
 
     def _tensor(self, values: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(values.astype(np.float32)).to(self._device)
-
-
-def require_cuda() -> None:
-    """Refuse CUDA where torch finds none.
-
-    Raises
-    ------
-    QueryError
-        No device.
-    """
-    if not torch.cuda.is_available():
-        raise QueryError("device", "torch finds no CUDA device here", "Use 'cpu'.")
+        return torch.from_numpy(values.astype(np.float32))

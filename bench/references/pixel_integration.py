@@ -5,15 +5,14 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from objectfolder.errors import QueryError
-from objectfolder.vision.cameras import focal_length_px, image_crop, pixel_rays, sub_ray_offsets
+from objectfolder.vision.cameras import image_crop, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import composite_on_white
+from objectfolder.vision.rendering.pixel_centres import CHUNK, box_in_view
 
 # An even pixel gets this share of the rays of an uneven one.
 SAVING = 8
 # Range of the rays of an even pixel in alpha and in sRGB on white.
 EVEN_WITHIN = 0.1
-# Rays traced at a time: bounds the memory of a render.
-CHUNK = 1 << 16
 
 Radiance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -89,26 +88,6 @@ def integrate_pixels(
         for places in _chunks(np.flatnonzero(uneven & wanted.ravel()), sub_rays):
             image[places] = traced(places, sub_rays).mean(axis=1)
     return image[wanted.ravel()].reshape(height, width, 4)
-
-
-def box_in_view(
-    corners: np.ndarray, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows and the columns of the pixels in the box around the image of (n, 3) points."""
-    height, width = size
-    local = (corners - camera_to_world[:3, 3]) @ camera_to_world[:3, :3]
-    depth = -local[:, 2]
-    if depth.max(initial=0.0) <= 0:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    if depth.min() <= 1e-6:
-        # Points beside or behind the camera have no image: look everywhere.
-        return np.arange(height), np.arange(width)
-    focal = focal_length_px(size, field_of_view_deg)
-    x = width / 2 + focal * local[:, 0] / depth
-    y = height / 2 - focal * local[:, 1] / depth
-    columns = np.arange(max(0, int(np.floor(x.min()))), min(width, int(np.ceil(x.max())) + 1))
-    rows = np.arange(max(0, int(np.floor(y.min()))), min(height, int(np.ceil(y.max())) + 1))
-    return rows, columns
 
 
 def _outline(alpha: np.ndarray) -> np.ndarray:
