@@ -10,7 +10,7 @@ from objectfolder.jit import kernel, relaxed_kernel
 from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets
-from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
+from objectfolder.vision.compiled.bounding_volumes import HALVED_LEVEL, STACK, BoundingVolumes
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
 from objectfolder.vision.compiled.renderer import TARGETS
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
@@ -60,6 +60,19 @@ def test_every_face_is_in_one_leaf_and_boxes_hold_what_is_below_them():
         return np.concatenate(held)
 
     assert len(check(0)) == len(triangles)
+
+
+def test_a_tree_over_shrinking_triangles_is_no_deeper_than_its_stack():
+    scale = 0.5 ** np.arange(900)[:, None, None]
+    triangles = scale * np.array([[0.9, 0, 0], [1.0, 0, 0], [0.9, 0.1, 0]])
+    volumes = BoundingVolumes.of_triangles(triangles)
+    level = np.zeros(len(volumes.children), dtype=int)
+    for node, pair in enumerate(volumes.children):  # children stand behind their parents
+        level[pair[volumes.counts[node] == 0]] = level[node] + 1
+    assert HALVED_LEVEL < level.max() < STACK
+    origins = triangles[[0, 5, 20]].mean(axis=1) + np.array([0.0, 0, 1])
+    face, _ = volumes.first_hits(origins, np.tile([0.0, 0, -1], (3, 1)))
+    assert face.tolist() == [0, 5, 20]
 
 
 @pytest.mark.parametrize("shape", SHAPES)

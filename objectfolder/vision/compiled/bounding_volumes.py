@@ -19,6 +19,9 @@ BINS = 16
 PADDING = 4e-6
 # How far outside a triangle, in barycentric units, a ray still hits it: no ray slips between two.
 TOLERANCE = 1e-10
+# Nodes from this level on are halved, whatever their faces: 2^31 faces end 31 levels below, and a ray's stack
+# holds 96 nodes at most. By areas alone, triangles in a geometric series down to 1e-271 need 183 levels.
+HALVED_LEVEL = 64
 STACK = 128
 
 
@@ -84,13 +87,13 @@ def _build(low: np.ndarray, high: np.ndarray) -> Tree:
     """
     order, base = np.arange(len(low), dtype=np.int32), 0
     bounds = np.concatenate([low, -high], axis=1)  # the box of several is their minimum
-    levels = []
+    levels: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     first, last = np.zeros(1, dtype=np.int64), np.array([len(low)])
     while len(first):
         size = last - first
         owner = np.repeat(np.arange(len(first)), size)
         place = np.arange(len(owner)) + np.repeat(first - np.cumsum(size) + size, size)
-        right = _right(bounds[order[place]], owner, size)
+        right = _right(bounds[order[place]], owner, size, halve=len(levels) >= HALVED_LEVEL)
         side = 2 * owner + right
         order[place] = order[place[np.argsort(side, kind="stable")]]
         counts = np.bincount(side, minlength=2 * len(first))
@@ -121,7 +124,7 @@ def _area(bounds: np.ndarray) -> np.ndarray:
     return area
 
 
-def _right(bounds: np.ndarray, owner: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _right(bounds: np.ndarray, owner: np.ndarray, size: np.ndarray, *, halve: bool) -> np.ndarray:
     """Whether (n,) faces lie behind the cheapest of BINS planes an axis of their nodes, or their middle.
 
     Parameters
@@ -130,11 +133,13 @@ def _right(bounds: np.ndarray, owner: np.ndarray, size: np.ndarray) -> np.ndarra
         (n, 6) and (n,) int64 node of each face, in order.
     size
         (m,) faces of each node.
+    halve
+        Whether the middle is taken of every node.
     """
     start = np.cumsum(size) - size
     right = np.arange(len(owner)) - start[owner] >= np.maximum(size // 2, 1)[owner]
     cheapest = np.full(len(size), np.inf)
-    if not len(owner):
+    if halve or not len(owner):
         return right
     for axis in range(3):
         centre = bounds[:, axis] - bounds[:, 3 + axis]
