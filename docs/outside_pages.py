@@ -1,5 +1,6 @@
 """Give the site what lies beside docs/: the pages at the root of the repository and measured pictures."""
 
+import re
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -28,4 +29,5 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Bring links between docs/ and the root of the repository, which are one folder in the site."""
-    return markdown.replace("](docs/", "](").replace("](../", "](")
+    inside = "../" * page.file.src_uri.count("/")  # from the page to docs/
+    return re.sub(rf"\]\((?:docs/|{re.escape(inside)}\.\./)", f"]({inside}", markdown)

@@ -6,11 +6,13 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote, urldefrag, urlsplit
 
 import html5lib
 import pytest
 
+pytest_plugins = ["tests.browser"]
 REPOSITORY = Path(__file__).parents[1]
 LOADED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src")}
 
@@ -78,11 +80,18 @@ def test_pages_load_nothing_from_elsewhere(pages):
 
 @pytest.mark.slow
 def test_reference_has_the_queries_of_an_object_file(pages):
-    (reference,) = (page for path, page in pages.items() if path.name == "api.html")
-    names = {has.get("id") for _, has in parts(reference)}
+    reference = [page for path, page in pages.items() if path.parent.name == "api"]
+    names = {has.get("id") for page in reference for _, has in parts(page)}
     for name in (
         "vision.SightQueries.render", "vision.SightQueries.sample_views", "audio.SoundQueries.strike",
         "touch.TouchQueries.press", "touch.TouchQueries.sample_contacts", "object_file.ObjectFile.save",
         "load",
     ):  # fmt: skip
         assert f"objectfolder.{name}" in names
+
+
+def test_pages_of_the_reference_are_short(pages: dict[Path, ElementTree.Element], browser: Any):
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    for path in (path for path in pages if path.parent.name == "api"):
+        page.goto(path.as_uri())
+        assert page.evaluate("document.documentElement.scrollHeight") <= 15000, path.name

@@ -36,7 +36,7 @@ PUBLIC = public()
 
 @pytest.fixture(scope="module")
 def examples(small_file: Path, glass_bar: TexturedMesh, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that docs/api.md promises: a bar's Object File, mesh and truth, and the materials."""
+    """The folder that docs/api.md describes: a bar's Object File, mesh and truth, and the materials."""
     folder = tmp_path_factory.mktemp("examples")
     for path in sorted(small_file.parent.iterdir()):
         shutil.copy(path, folder)

@@ -1,4 +1,4 @@
-"""Names of docs/api.md: where they are imported from, and that rooms import them when they are asked for."""
+"""Names of docs/api/: where they are imported from, and that rooms import them when they are asked for."""
 
 import ast
 import importlib
@@ -20,9 +20,11 @@ ROOMS = sorted(
     for path in (REPOSITORY / "objectfolder").glob("*/__init__.py")
     if "lazy_names" in path.read_text(encoding="utf-8")
 )
-DOCUMENTED = re.findall(
-    r"^::: ([\w.]+)$", (REPOSITORY / "docs" / "api.md").read_text(encoding="utf-8"), flags=re.MULTILINE
-)
+DOCUMENTED = [
+    name
+    for page in sorted((REPOSITORY / "docs" / "api").glob("*.md"))
+    for name in re.findall(r"^::: ([\w.]+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+]
 
 
 def named_by(path: str) -> Any:
@@ -35,6 +37,7 @@ def named_by(path: str) -> Any:
 
 
 def test_every_documented_name_is_exported_near_the_top():
+    assert len(DOCUMENTED) == len(set(DOCUMENTED))
     for path in DOCUMENTED:
         if path == "objectfolder.errors":
             continue
