@@ -7,7 +7,8 @@ export PATH := $(BIN):$(PATH)
 export DVC_NO_ANALYTICS := 1
 unexport PYTHONPATH
 
-# The parameters of the examples: the default size with fewer features, so that a file is half as large.
+# The parameters of the examples: the default size, but with sight learned, which a GPU answers in batches, and
+# with fewer features, so that a file is half as large.
 EXAMPLE_PARAMETERS := .objectfolder/examples.yaml
 EXAMPLE := --overwrite --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
@@ -61,7 +62,8 @@ metaworld: $(VENV)/.installed-test ## Do Meta-World's tasks with the objects of 
 
 examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder starter
-	sed 's/^      visionnet:$$/&\n        grid_corners: 55000/' params.yaml > $(EXAMPLE_PARAMETERS)
+	sed -e 's/^        material: known.*/        material: learned\n        grid_corners: 55000/' \
+		-e 's/^      training_views: 24$$/      training_views: 100/' params.yaml > $(EXAMPLE_PARAMETERS)
 	objectfolder build data/starter/mug/model.obj --id mug --name "Mug with a handle" --material ceramic $(EXAMPLE)/mug.safetensors
 	objectfolder build data/starter/bell/model.obj --id bell --name "Bell with a knob" --material iron $(EXAMPLE)/bell.safetensors
 

@@ -92,7 +92,9 @@ class SightBatch:
         for index, net in enumerate(nets):
             if net._surface.bends or net.computed:
                 finding = "its maps bend normals" if net._surface.bends else "its light is computed"
-                raise QueryError(f"files[{index}]", finding, "Render it by `ObjectFile.render`.")
+                remedy = "Render it by `ObjectFile.render`"
+                remedy += ", or build it with `material: learned`." if net.computed else "."
+                raise QueryError(f"files[{index}]", finding, remedy)
         lit = [LitSurface(net._surface) for net in nets]
         trees = [one.volumes for one in lit]
         sizes = np.array([(len(tree.boxes), len(tree.faces)) for tree in trees])

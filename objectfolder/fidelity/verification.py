@@ -152,7 +152,8 @@ def _sight(
         "trivial_psnr_foreground_db": trivial["psnr_foreground_db"],
         "trivial_ssim": trivial["ssim"],
         "held_out_views": len(truth),
-        "training_views": int((~views["held_out"]).sum()),
+        # The source's material is all there is where nothing is learned.
+        "training_views": 0 if file.vision.computed else int((~views["held_out"]).sum()),
         "resolution": int(truth.shape[1]),
         "sub_rays": file.vision.sub_rays,
     }

@@ -29,7 +29,13 @@ def bilinear(image: np.ndarray, texture_coordinates: np.ndarray) -> np.ndarray:
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     right_share = (x - left).astype(np.float32)[:, None]
     below_share = (y - top).astype(np.float32)[:, None]
-    columns, rows = (left % width, (left + 1) % width), (top % height, (top + 1) % height)
-    above = image[rows[0], columns[0]] * (1 - right_share) + image[rows[0], columns[1]] * right_share
-    below = image[rows[1], columns[0]] * (1 - right_share) + image[rows[1], columns[1]] * right_share
+    left, right = left % width, (left + 1) % width
+    texels = image.reshape(-1, channels)
+
+    def row(place: np.ndarray) -> np.ndarray:
+        first = place % height * width
+        at_left, at_right = texels.take(first + left, axis=0), texels.take(first + right, axis=0)
+        return np.asarray(at_left * (1 - right_share) + at_right * right_share)
+
+    above, below = row(top), row(top + 1)
     return np.asarray((above * (1 - below_share) + below * below_share) / np.float32(255))

@@ -79,7 +79,7 @@ class VisionParameters:
     resolution: Annotated[int, Bounds(8, 4096, "pixels", "side of a view")]
     field_of_view_deg: Annotated[float, Bounds(1, 150, "degrees", "of the camera, across a view")]
     camera_radius: Annotated[float, Bounds(1, 100, "unit-frame lengths", "camera from the centre")]
-    training_views: Annotated[int, Bounds(1, 100_000, "views", "to fit VisionNet to")]
+    training_views: Annotated[int, Bounds(1, 100_000, "views", "besides those to verify on")]
     training_samples: Annotated[int, Bounds(1, 65_536, "paths a pixel", "of Cycles, in views to fit")]
     held_out_views: Annotated[int, Bounds(1, 100_000, "views", "to verify on")]
     held_out_samples: Annotated[int, Bounds(1, 65_536, "paths a pixel", "of Cycles, in views to verify on")]
@@ -143,8 +143,9 @@ class VisionNetParameters:
     steps: Annotated[int, Bounds(1, 10_000_000, "steps", "of the optimiser")]
     grid_corners: Annotated[int, Bounds(1, 10_000_000, "corners", "of the finest grid of features")] = 100_000
     material: Annotated[
-        Literal["learned", "known"], Field(description="whether reflectance is fitted or computed")
-    ] = "learned"
+        Literal["known", "learned"],
+        Field(description="light computed from what the source states, or fitted to the training views"),
+    ] = "known"
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

@@ -1,5 +1,7 @@
 """Task of stage `fidelity`: an encoded object against its ground truth."""
 
+import numpy as np
+
 from objectfolder.fidelity.verification import verify_object as verify
 from objectfolder.mesh.body import body_of
 from objectfolder.object_file.object_file import ObjectFile
@@ -19,6 +21,12 @@ def verify_object(request: Request) -> Timed:
     body = body_of(measured, density, modes.attributes)
     if encoded.modes.absent:
         body["warnings"] += modes.attributes["warnings"]
+    views = read_product(request.inputs["views"])
+    if not encoded.vision.states("albedo"):
+        body["warnings"].append(
+            f"sight is learned from {np.count_nonzero(~views['held_out'])} views: "
+            f"no map of base colours holds {len(encoded.surface.faces)} faces"
+        )
     named = encoded.with_description(
         body=body,
         object={"id": request.object_id, **{key: record[key] for key in DESCRIBED}},
@@ -31,7 +39,7 @@ def verify_object(request: Request) -> Timed:
     )
     verification = verify(
         named,
-        read_product(request.inputs["views"]),
+        views,
         modes,
         read_product(request.inputs["touches"]),
     )

@@ -689,6 +689,7 @@ def test_build_makes_a_verified_file_and_resumes(tmp_path: Path, capsys: pytest.
     assert "vision" in text
     assert "CPU-s" in text
     box = objectfolder.load(output)
+    assert box.vision.computed
     assert np.ptp(box.surface.bounds, axis=0).max() == pytest.approx(0.2, rel=1e-3)
     assert box.description["fidelity"]["audio"]["audible"]
     first = output.read_bytes()

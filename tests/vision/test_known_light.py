@@ -9,8 +9,9 @@ from test_normal_maps import stored
 from vision_shapes import cube, sphere
 
 from objectfolder.batch.sight import SightBatch
-from objectfolder.errors import FormatError, QueryError
+from objectfolder.errors import FormatError, InputError, QueryError
 from objectfolder.object_file.object_file import ObjectFile
+from objectfolder.products.store import read_product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
@@ -21,7 +22,11 @@ from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.surface_maps import SurfaceMaps
+from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
+from tests.small_file import bar_mesh
 
 CAMERA = look_at(np.array([[1.4, -1.5, 1.3]]))
 
@@ -95,6 +100,22 @@ def test_a_file_without_a_network_opens_and_answers_alike():
     del metadata["appearance"]
     with pytest.raises(FormatError, match=r"vision\.grid"):
         VisionNet.from_tensors(tensors, metadata, net._surface.surface, net._surface.frame)
+
+
+def test_light_is_computed_where_base_colours_are_stated_and_else_learned(small_file: Path):
+    file, views = ObjectFile.load(small_file), read_product(small_file.parent / "views.zarr.zip")
+    appearance = Appearance(**views.attributes["appearance"])
+    maps = sample_maps(stored_mesh(bar_mesh(), file.surface), file.frame, appearance, "known")
+
+    def fit(material: str, maps: SurfaceMaps | None) -> VisionNet:
+        few = {"steps": 1, "grid_resolution": 32}
+        return fit_visionnet(file.surface, file.frame, views, maps=maps, material=material, **few)
+
+    assert fit("known", maps).computed
+    assert not fit("learned", maps).computed
+    assert not fit("known", None).computed
+    with pytest.raises(InputError, match="Use one of known, learned"):
+        fit("guessed", maps)
 
 
 def test_versions_tell_files_apart_and_what_needs_a_network_is_refused(small_file: Path):

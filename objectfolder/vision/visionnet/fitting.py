@@ -14,6 +14,7 @@ from objectfolder.vision.network.surface_maps import SurfaceMaps
 from objectfolder.vision.visionnet.training import Priors, trace_training_rays, train
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
+MATERIALS = "known", "learned"
 # Roughness up to which a conductor's mirror rays pay: a metal teapot of 0.25 gains 5.8 dB for 1.6 times the
 # time. Up to the second they pay where the surface fills this share of its own view (`filled_view`): a rack
 # of wire and a chain of 0.4 gain 2.7 and 2.8 dB for 1.6 and 1.4 times the time. A spoon sees less of itself.
@@ -62,25 +63,24 @@ def fit_visionnet(
     maps
         What the source has of normals, holes, roughness and metallic on the surface's faces.
     material
-        ``"learned"``; or ``"known"``: nothing is fitted, light is computed from the albedo, roughness and
-        metallic that the maps and the views' appearance state.
+        ``"learned"``; or ``"known"``: where maps state an albedo nothing is fitted, and light is computed
+        from albedo, roughness and metallic. A surface without such a map is learned: `VisionNet.computed`.
     seed
         Of initial weights, batches and rays.
 
     Raises
     ------
     InputError
-        No training view shows the object; a known material without a map of albedo, or another word for one.
+        No training view shows the object; another word for a material.
     """
     appearance = Appearance(**views.attributes["appearance"])
     scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
     radius = float(views.attributes["camera_radius"])
+    if material not in MATERIALS:
+        raise InputError("visionnet.material", repr(material), f"Use one of {', '.join(MATERIALS)}.")
     if material == "known" and Material(maps, appearance).states("albedo"):
         return VisionNet(surface, frame, None, {}, radiance_scale=scale, camera_radius=radius,
                          maps=maps, appearance=appearance)  # fmt: skip
-    if material != "learned":
-        remedy = "Use 'learned', or 'known' where the source has a texture."
-        raise InputError("visionnet.material", f"{material!r} of this object", remedy)
     mirrors = shows_itself(appearance, surface) if mirrors is None else mirrors
     if training_sub_rays is None:
         alpha = views["rgba"][~views["held_out"]][..., 3]

@@ -21,6 +21,7 @@ def info_lines(file: ObjectFile, path: Path) -> list[str]:
         f"size         {' x '.join(f'{side:.4g}' for side in np.ptp(file.surface.bounds, axis=0))} m",
         f"surface      {len(file.surface.faces)} triangles",
         *_body(file),
+        f"sight        {'computed from the material' if file.vision.computed else 'learned from views'}",
         f"sound        {sound}",
         f"bytes        {path.stat().st_size} ({parts})",
         *fidelity_lines(file),

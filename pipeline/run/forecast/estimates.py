@@ -3,9 +3,10 @@
 The cost of an object and stage that ran here before is what it took last. Otherwise it is what the stage
 took on the scans that the package was tried on, times the pace of this data set: the median ratio of what
 its own tasks took to what those scans foretell. ``known_costs.csv`` beside this module has the scans: each
-object and stage at the default size, one thread a task; ``python -m bench.factory.known_costs`` wrote it. A
-stage without packaged costs is estimated from its own tasks. The objects of the starter set, which most first
-runs make, have costs of their own in ``starter_costs.csv``.
+object and stage at the default size, but of 100 training views with sight learned, one thread a task;
+``python -m bench.factory.known_costs`` wrote it. A stage without packaged costs is estimated from its own
+tasks. The objects of the starter set, which most first runs make, have costs of their own in
+``starter_costs.csv``.
 
 Seconds and memory of modes grow with a power of the load (`bending_modes`). Packaged costs of rendering are
 scaled by views x pixels x samples, those of touching by touches x pixels, and the share of encoding that fits
@@ -44,7 +45,7 @@ MOST_ROWS = 100  # of this data set that set its pace
 RENDERING = "views"
 UNKNOWN = 60.0, 60.0, 500_000_000  # of a stage that is known nowhere: long enough for a cluster
 
-# The default size, at which the packaged costs were taken: camera rays, pixels of views, pixels of touches.
+# The size at which the packaged costs were taken: camera rays, pixels of views, pixels of touches.
 PACKAGED_RAYS = (100 * 32 + 12 * 256) * 128**2
 PACKAGED_VIEW_PIXELS = 112 * 128**2
 PACKAGED_TOUCH_PIXELS = 150 * 160 * 120
@@ -273,7 +274,8 @@ def scales(stage: str, parameters: Parameters | None) -> tuple[float, float]:
         factor = (touch.touches + touch.held_out_touches) * pixels / PACKAGED_TOUCH_PIXELS
         return factor * (PYRENDER_TIMES if touch.renderer == "pyrender" else 1.0), factor
     if stage == "encode":
-        steps = parameters.encode.visionnet.steps
+        sight = parameters.encode.visionnet
+        steps = sight.steps if sight.material == "learned" else 0
         return 1.0 + FITTING_SHARE * (steps / PACKAGED_STEPS - 1.0), 1.0
     return 1.0, 1.0
 
