@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import unquote, urldefrag, urlsplit
 
 import html5lib
+import markdown
 import pytest
 
 pytest_plugins = ["tests.browser"]
@@ -43,6 +44,18 @@ def test_readme_is_short_and_begins_with_how_to_start():
         assert wanted in readme[:1000]
     prose = re.sub(r"```.*?```", "", readme.decode(), flags=re.DOTALL)
     assert len(re.findall(r"(?<![\w.])\.?\d[\d.,]*", prose)) <= 25
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/guide.md", "docs/notebooks.md"])
+def test_sentences_of_readme_and_tutorials_have_thirty_words_at_most(page):
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    html = markdown.markdown(text, extensions=["fenced_code", "sane_lists", "tables"])
+    tree = html5lib.parse(html, namespaceHTMLElements=False)
+    blocks = [" ".join("".join(part.itertext()).split()) for tag in ("p", "li", "td") for part in tree.iter(tag)]
+    # A sentence ends before a capital, a figure or a name in code.
+    sentences = [sentence for block in blocks for sentence in re.split(r"(?<=[.!?])\s+(?=\W*[A-Z\d])", block)]
+    assert len(sentences) > 10
+    assert [sentence for sentence in sentences if len(sentence.split()) > 30] == []
 
 
 @pytest.mark.slow
