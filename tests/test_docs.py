@@ -1,7 +1,10 @@
 """The site of the documents: built strictly, without a broken link and without a request to elsewhere."""
 
+import ast
+import importlib
 import os
 import re
+import shlex
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -12,9 +15,13 @@ from urllib.parse import unquote, urldefrag, urlsplit
 import html5lib
 import markdown
 import pytest
+from cyclopts import CycloptsError
+
+from pipeline.cli import application
 
 pytest_plugins = ["tests.browser"]
 REPOSITORY = Path(__file__).parents[1]
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 LOADED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src")}
 
 
@@ -48,14 +55,54 @@ def test_readme_is_short_and_begins_with_how_to_start():
 
 @pytest.mark.parametrize("page", ["README.md", "docs/guide.md", "docs/notebooks.md"])
 def test_sentences_of_readme_and_tutorials_have_thirty_words_at_most(page):
-    text = (REPOSITORY / page).read_text(encoding="utf-8")
-    html = markdown.markdown(text, extensions=["fenced_code", "sane_lists", "tables"])
+    source = (REPOSITORY / page).read_text(encoding="utf-8")
+    html = markdown.markdown(source, extensions=["fenced_code", "sane_lists", "tables"])
     tree = html5lib.parse(html, namespaceHTMLElements=False)
-    blocks = [" ".join("".join(part.itertext()).split()) for tag in ("p", "li", "td") for part in tree.iter(tag)]
+    texts = [
+        " ".join("".join(part.itertext()).split()) for tag in ("p", "li", "td") for part in tree.iter(tag)
+    ]
     # A sentence ends before a capital, a figure or a name in code.
-    sentences = [sentence for block in blocks for sentence in re.split(r"(?<=[.!?])\s+(?=\W*[A-Z\d])", block)]
+    sentences = [sentence for text in texts for sentence in re.split(r"(?<=[.!?])\s+(?=\W*[A-Z\d])", text)]
     assert len(sentences) > 10
     assert [sentence for sentence in sentences if len(sentence.split()) > 30] == []
+
+
+def blocks(language: str) -> list[tuple[str, str]]:
+    """Blocks of code in the pages, with the page of each."""
+    pattern = re.compile(rf"^```(?:{language})\b[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+    return [
+        (page.name, block) for page in PAGES for block in pattern.findall(page.read_text(encoding="utf-8"))
+    ]
+
+
+def test_commands_of_pages_exist_with_their_options():
+    command, tried = application(), 0
+    for page, block in blocks("console|bash"):
+        for line in block.replace("\\\n", " ").splitlines():
+            before_pipe = re.sub(r"\s[|>&].*", "", line.removeprefix("$ "))
+            words = re.sub(r"^(?:[A-Z_]+=\S+ )+", "", before_pipe)
+            if words.startswith("objectfolder "):
+                tried += 1
+                try:
+                    command.parse_args(
+                        shlex.split(words, comments=True)[1:], exit_on_error=False, print_error=False
+                    )
+                except CycloptsError as error:
+                    pytest.fail(f"{page}: {line}: {error}")
+    assert tried > 90
+
+
+@pytest.mark.slow
+def test_names_that_pages_import_exist():
+    imported = 0
+    for page, block in blocks("python"):
+        for node in ast.walk(ast.parse(block, page)):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith(("objectfolder", "pipeline")):
+                module = importlib.import_module(str(node.module))
+                for alias in node.names:
+                    imported += 1
+                    assert alias.name in dir(module), f"{page}: {node.module}.{alias.name}"
+    assert imported > 20
 
 
 @pytest.mark.slow
