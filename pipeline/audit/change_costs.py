@@ -57,14 +57,14 @@ class Fetch:
 def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
     """Return the files to fetch for `new` where `old` is present."""
     unlisted: set[str] = set()
-    had, wanted = _hashes(contents, old, new, unlisted), _hashes(contents, new, old, unlisted)
-    every = set().union(*had.values())
-    wanted = {path: hashes - every for path, hashes in wanted.items() if path not in unlisted}
-    lying = {one.md5: one for folder in new.folders.values() for one in folder.products.values()}
-    missing = set().union(*wanted.values())
+    old_hashes, new_hashes = _hashes(contents, old, new, unlisted), _hashes(contents, new, old, unlisted)
+    present = set().union(*old_hashes.values())
+    new_hashes = {path: hashes - present for path, hashes in new_hashes.items() if path not in unlisted}
+    lying = {content.md5: content for folder in new.folders.values() for content in folder.products.values()}
+    missing = set().union(*new_hashes.values())
     sizes = {md5: contents.size(lying.get(md5, Content(md5))) for md5 in missing}
     sizes |= contents.sizes_far(md5 for md5, size in sizes.items() if size is None)
-    by_out = {path: sum(sizes[md5] or 0 for md5 in hashes) for path, hashes in wanted.items() if hashes}
+    by_out = {path: sum(sizes[md5] or 0 for md5 in hashes) for path, hashes in new_hashes.items() if hashes}
     unknown = sum(size is None for size in sizes.values())
     in_all = sum(size or 0 for size in sizes.values())
     return Fetch(in_all, len(sizes), unknown, dict(sorted(by_out.items())), tuple(sorted(unlisted)))
@@ -75,15 +75,15 @@ def _hashes(contents: Contents, version: Version, other: Version, unlisted: set[
 
     Outputs whose list of files cannot be read are put to the unlisted. What git has is not fetched by DVC.
     """
-    found = {path: lying for path in version.folders if (lying := version.lying(path))}
+    hashes = {path: lying for path in version.folders if (lying := version.lying(path))}
     same = set(other.lock.outs.values())
     for path, md5 in version.lock.outs.items():
-        if path in found or path in version.texts or (md5 in same and not other.lying(path)):
+        if path in hashes or path in version.texts or (md5 in same and not other.lying(path)):
             continue
-        found[path] = {md5}
+        hashes[path] = {md5}
         if is_folder(md5):
             try:
-                found[path] = set(contents.folder(md5, path).values())
+                hashes[path] = set(contents.folder(md5, path).values())
             except (ObjectFolderError, OSError):
                 unlisted.add(path)
-    return found
+    return hashes

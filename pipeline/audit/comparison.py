@@ -43,9 +43,9 @@ class Comparison:
         self._measured, self._reported = costs_by_fingerprint(contents.root), reported_costs(new)
         self._problems: dict[str, ObjectFolderError] = {}  # by what they hide
         kinds = [kind for stage in stages for kind in stage.products]
-        known = {kind: self._is_known(kind) for kind in kinds}
-        self._not_compared = tuple(kind.folder for kind in kinds if not known[kind])
-        self._compared = [kind for kind in kinds if known[kind] and not self._is_same(kind)]
+        comparable = {kind: self._is_known(kind) for kind in kinds}
+        self._not_compared = tuple(kind.folder for kind in kinds if not comparable[kind])
+        self._compared = [kind for kind in kinds if comparable[kind] and not self._is_same(kind)]
 
     @property
     def problems(self) -> tuple[ObjectFolderError, ...]:
@@ -64,7 +64,7 @@ class Comparison:
         former = {after: before for before, after in pairs.items()}
         failed_before, failed_after = old.failures(self._stages), new.failures(self._stages)
         figures = figures_by_object(old), figures_by_object(new)
-        found, fidelity = [], []
+        object_changes, fidelity = [], []
         for object_id in sorted((old.listed | new.listed) - set(pairs)):
             was = former.get(object_id, object_id)
             stages, measures = self.stages(was, object_id)
@@ -86,10 +86,10 @@ class Comparison:
                 state = State.CHANGED
             else:
                 state = State.NOT_COMPARED if self._not_compared else State.UNCHANGED
-            found.append(ObjectChange(object_id, state, former.get(object_id, ""), stages, failure))
+            object_changes.append(ObjectChange(object_id, state, former.get(object_id, ""), stages, failure))
         means = changes_of_means(old.texts.get(METRICS), new.texts.get(METRICS))
         return Audit(
-            old.label, new.label, tuple(found), tuple(worst_first(fidelity)),
+            old.label, new.label, tuple(object_changes), tuple(worst_first(fidelity)),
             to_fetch(self._contents, old, new), self._products.read_arrays, self.problems,
             tuple(worst_first(means)), self._not_compared,
         )  # fmt: skip
@@ -131,26 +131,26 @@ class Comparison:
         measures: list[FidelityChange] = []
         for kind, (old, new) in pairs.items():
             before, after = self._described(old, why), self._described(new, why)
-            for side, one in enumerate((before, after)):
-                prints[side] = prints[side] or (one.fingerprint if one else "")
+            for side, description in enumerate((before, after)):
+                prints[side] = prints[side] or (description.fingerprint if description else "")
             # An unreadable product may have any fidelity, an absent one has none.
             if kind.name == FIDELITY.name and (before or not old) and (after or not new):
                 measures = changes(
                     object_id, before.attributes if before else None, after.attributes if after else None
                 )
             if old and new and before and after:
-                found, more = self._products.compare(stage, (old, new), (before, after), around)
-                arrays += found
+                verdicts, more = self._products.compare(stage, (old, new), (before, after), around)
+                arrays += verdicts
                 why = reasons.distinct([*why, *more])
         # One product of a stage can be made from another thing, and the other be the same but damaged.
-        if any(one.kind not in (reasons.BYTES, *reasons.DEFECTS) for one in why):
-            why = [one for one in why if one.kind != reasons.BYTES]
+        if any(reason.kind not in (reasons.BYTES, *reasons.DEFECTS) for reason in why):
+            why = [reason for reason in why if reason.kind != reasons.BYTES]
         olds, news = zip(*pairs.values(), strict=True)
         state = State.MADE if not any(olds) else State.GONE if not any(news) else State.CHANGED
         cost_s = None
         if prints[1] != prints[0]:
-            known = self._measured.get(prints[1])
-            cost_s = known.cpu_s if known else self._reported.get((object_id, stage.name))
+            cost = self._measured.get(prints[1])
+            cost_s = cost.cpu_s if cost else self._reported.get((object_id, stage.name))
         return StageChange(stage.name, state, tuple(why), prints[0], prints[1], arrays, cost_s), measures
 
     def _described(self, content: Content | None, why: list[Reason]) -> Description | None:
@@ -196,7 +196,9 @@ class Comparison:
         if old is None or new is None:
             return {}, {}
         try:
-            before, after = (self._contents.describe(one).attributes.get("digests") for one in (old, new))
+            before, after = (
+                self._contents.describe(content).attributes.get("digests") for content in (old, new)
+            )
         except ObjectFolderError:
             return {}, {}
         return (before, after) if isinstance(before, dict) and isinstance(after, dict) else ({}, {})
@@ -204,24 +206,24 @@ class Comparison:
 
 def _renamed(contents: Contents, old: Version, new: Version) -> dict[str, str]:
     """Return former id to later id of objects read from the same files, those of one material first."""
-    gone, came = sorted(old.listed - new.listed), sorted(new.listed - old.listed)
-    if not gone or not came:
+    old_ids, new_ids = sorted(old.listed - new.listed), sorted(new.listed - old.listed)
+    if not old_ids or not new_ids:
         return {}
     by_files: dict[str, list[str]] = defaultdict(list)
-    for object_id in gone:
+    for object_id in old_ids:
         if key := _files(contents, old, object_id):
             by_files[key].append(object_id)
-    wanted = {object_id: _files(contents, new, object_id) for object_id in came}
+    files_by_id = {object_id: _files(contents, new, object_id) for object_id in new_ids}
     pairs: dict[str, str] = {}
     for fields in (("material", "name"), ("material",), ()):
-        for object_id in came:
+        for object_id in new_ids:
             if object_id in pairs.values():
                 continue
             row = new.rows.get(object_id, {})
-            for one in by_files.get(wanted[object_id], ()):
-                former = old.rows.get(one, {})
-                if one not in pairs and all(former.get(name) == row.get(name) for name in fields):
-                    pairs[one] = object_id
+            for old_id in by_files.get(files_by_id[object_id], ()):
+                former = old.rows.get(old_id, {})
+                if old_id not in pairs and all(former.get(name) == row.get(name) for name in fields):
+                    pairs[old_id] = object_id
                     break
     return pairs
 

@@ -105,22 +105,22 @@ class Contents(Stores):
         except OSError:
             return None
 
-    def sizes_far(self, wanted: Iterable[str]) -> Mapping[str, int]:
+    def sizes_far(self, digests: Iterable[str]) -> Mapping[str, int]:
         """Return the bytes of contents as the remote has them, those it has."""
-        names = list(wanted)
+        names = list(digests)
         if not names or self.remote is None:
             return {}
 
         def size(md5: str) -> int | None:
             try:
-                found = self.remote.fs.size(self.remote.oid_to_path(md5))
+                byte_count = self.remote.fs.size(self.remote.oid_to_path(md5))
             except Exception:  # a cloud's own errors: contents of unknown size are left out
                 return None
-            return int(found) if found is not None else None
+            return int(byte_count) if byte_count is not None else None
 
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            known = zip(names, pool.map(size, names), strict=True)
-            return {md5: found for md5, found in known if found is not None}
+            sizes = zip(names, pool.map(size, names), strict=True)
+            return {md5: byte_count for md5, byte_count in sizes if byte_count is not None}
 
     def describe(self, content: Content) -> Description:
         """Return the description of a product.
@@ -141,10 +141,10 @@ class Contents(Stores):
             raise far
         return far
 
-    def describe_all(self, wanted: Iterable[Content]) -> None:
+    def describe_all(self, contents: Iterable[Content]) -> None:
         """Read the descriptions of many remote products in parallel; one by one would take minutes."""
-        far = [one for one in wanted if one.path is None and one.md5 not in self._far]
-        missing = {one.md5: one for one in far if self.path(one.md5) is None}
+        far = [content for content in contents if content.path is None and content.md5 not in self._far]
+        missing = {content.md5: content for content in far if self.path(content.md5) is None}
         with contextlib.suppress(*_CACHE_ERRORS):
             for md5 in [md5 for md5 in missing if md5 in self._cached]:
                 attributes, listing = self._cached[md5]
@@ -154,11 +154,11 @@ class Contents(Stores):
             return
         assert self.remote is None or self.remote.fs  # opened once, before there are threads
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            for md5, found in zip(missing, pool.map(self._describe_far, missing.values()), strict=True):
-                self._far[md5] = found
-                if isinstance(found, Description):
+            for md5, outcome in zip(missing, pool.map(self._describe_far, missing.values()), strict=True):
+                self._far[md5] = outcome
+                if isinstance(outcome, Description):
                     with contextlib.suppress(*_CACHE_ERRORS):
-                        self._cached[md5] = found.attributes, found.listing.decode("latin-1")
+                        self._cached[md5] = outcome.attributes, outcome.listing.decode("latin-1")
 
     def _read_near(self, content: Content) -> Description | None:
         path = content.path or self.path(content.md5)

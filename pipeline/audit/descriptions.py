@@ -55,8 +55,8 @@ class Description:
     @property
     def fingerprint(self) -> str:
         """The fingerprint it carries; empty where it has none."""
-        found = self.attributes.get("fingerprint")
-        return found if isinstance(found, str) else ""
+        value = self.attributes.get("fingerprint")
+        return value if isinstance(value, str) else ""
 
     @property
     def chunks(self) -> set[tuple[bytes, bytes, bytes, bytes]]:
@@ -67,13 +67,13 @@ class Description:
         ValueError
             A damaged list of entries.
         """
-        found = _ENTRY.findall(self.listing)
-        names = sum(struct.unpack(f"<{len(found)}H", b"".join([entry[1] for entry in found])))
-        if ENTRY_BYTES * len(found) + names != len(self.listing):
+        entries = _ENTRY.findall(self.listing)
+        names = sum(struct.unpack(f"<{len(entries)}H", b"".join([entry[1] for entry in entries])))
+        if ENTRY_BYTES * len(entries) + names != len(self.listing):
             raise ValueError("its list of entries is damaged")
-        if names != len(b"".join([entry[2] + entry[3] for entry in found])):
+        if names != len(b"".join([entry[2] + entry[3] for entry in entries])):
             raise ValueError("its list of entries is damaged: a name is longer or shorter than it says")
-        return set(found)
+        return set(entries)
 
 
 def read(file: BinaryIO, suffix: str, where: str) -> Description:
@@ -99,15 +99,15 @@ def read(file: BinaryIO, suffix: str, where: str) -> Description:
 
 def _of_archive(file: BinaryIO) -> Description:
     """Read the end of an archive, which has the attributes, the list of entries, and where that begins."""
-    first = max(0, file.seek(0, io.SEEK_END) - TAIL_BYTES)
-    file.seek(first)
+    tail_start = max(0, file.seek(0, io.SEEK_END) - TAIL_BYTES)
+    file.seek(tail_start)
     tail = file.read(TAIL_BYTES)
     *_, length, start, _ = END.unpack(tail[-END.size :])
     file.seek(start)
-    listing = tail[start - first : -END.size] if start >= first else file.read(length)
+    listing = tail[start - tail_start : -END.size] if start >= tail_start else file.read(length)
     if listing.endswith(GROUP.encode()):
         checksum, _, count = struct.unpack_from("<3L", listing, len(listing) - len(GROUP) - ENTRY_BYTES + 16)
-        text = tail[start - first - count : start - first]
+        text = tail[start - tail_start - count : start - tail_start]
         if zlib.crc32(text) == checksum:
             return Description(attributes_of(text), listing)
     with zipfile.ZipFile(file) as archive:  # long attributes, or in another place; or a damaged archive

@@ -48,12 +48,12 @@ def changes(
     object_id: str, before: Mapping[str, Any] | None, after: Mapping[str, Any] | None
 ) -> list[FidelityChange]:
     """Return the measures that differ between attributes of two fidelity products, None for no product."""
-    found = []
+    fidelity_changes = []
     for key, measure in MEASURES.items():
-        old, new = (None if said is None else measure.of(said) for said in (before, after))
+        old, new = (None if attributes is None else measure.of(attributes) for attributes in (before, after))
         if old != new:
-            found.append(FidelityChange(object_id, key, old, new, _loss(measure, old, new)))
-    return found
+            fidelity_changes.append(FidelityChange(object_id, key, old, new, _loss(measure, old, new)))
+    return fidelity_changes
 
 
 def _loss(measure: Measure, old: float | None, new: float | None) -> float:
@@ -64,9 +64,9 @@ def _loss(measure: Measure, old: float | None, new: float | None) -> float:
     return old - new if measure.higher_is_better else new - old
 
 
-def worst_first(found: Iterable[FidelityChange]) -> list[FidelityChange]:
+def worst_first(changes: Iterable[FidelityChange]) -> list[FidelityChange]:
     """Order by how much a person would notice of the loss, gains last."""
-    return sorted(found, key=lambda one: (-one.weight, one.object_id, one.measure))
+    return sorted(changes, key=lambda change: (-change.weight, change.object_id, change.measure))
 
 
 def thresholds(texts: Sequence[str]) -> dict[str, float]:
@@ -77,7 +77,7 @@ def thresholds(texts: Sequence[str]) -> dict[str, float]:
     InputError
         A text of another form, or a measure that is not known; the nearest known one is named.
     """
-    found = {}
+    limits = {}
     for text in texts:
         key, _, number = text.partition("=")
         if key not in MEASURES:
@@ -91,11 +91,15 @@ def thresholds(texts: Sequence[str]) -> dict[str, float]:
         if not math.isfinite(value) or value < 0:
             remedy = f"Write {key}=0.5, in {MEASURES[key].unit or 'its own unit'}."
             raise InputError(f"--max-loss {text}", "no loss that is allowed", remedy)
-        found[key] = value
-    return found
+        limits[key] = value
+    return limits
 
 
-def exceeded(found: Iterable[FidelityChange], allowed: Mapping[str, float]) -> list[FidelityChange]:
+def exceeded(changes: Iterable[FidelityChange], allowed: Mapping[str, float]) -> list[FidelityChange]:
     """Return the changes that lose more than is allowed."""
     # Sums of decimals: a loss from 0.3 to 0.2 is not more than 0.1.
-    return [one for one in found if one.measure in allowed and one.loss > allowed[one.measure] + 1e-9]
+    return [
+        change
+        for change in changes
+        if change.measure in allowed and change.loss > allowed[change.measure] + 1e-9
+    ]

@@ -66,7 +66,7 @@ class StageChange:
     @property
     def follows(self) -> bool:
         """Whether it changed because of stages before it only."""
-        return bool(self.reasons) and all(one.kind == UPSTREAM for one in self.reasons)
+        return bool(self.reasons) and all(reason.kind == UPSTREAM for reason in self.reasons)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,9 @@ class ObjectChange:
     @property
     def roots(self) -> tuple[Reason, ...]:
         """Reasons that are no consequence of another stage's change, each once."""
-        return tuple(distinct(one for stage in self.stages for one in stage.reasons if one.kind != UPSTREAM))
+        return tuple(
+            distinct(reason for stage in self.stages for reason in stage.reasons if reason.kind != UPSTREAM)
+        )
 
 
 @dataclass(frozen=True)
@@ -185,34 +187,34 @@ class StageTotal:
 
 
 def groups(audit: Audit) -> list[Group]:
-    """Return what changed, the largest groups of a state last: single objects are what one looks for."""
-    found: dict[tuple[str, Texts, Texts, Texts], list[ObjectChange]] = defaultdict(list)
-    for one in audit.objects:
-        if one.state in (State.UNCHANGED, State.NOT_COMPARED) and not one.stages:
+    """Return the changes in groups, the smallest of a state first: a reader looks for single objects."""
+    objects_by_key: dict[tuple[str, Texts, Texts, Texts], list[ObjectChange]] = defaultdict(list)
+    for entry in audit.objects:
+        if entry.state in (State.UNCHANGED, State.NOT_COMPARED) and not entry.stages:
             continue
-        failed = [f"{one.failure.stage}: {one.failure.error}"] if one.failure is not None else []
-        why = sentences(one.roots) if one.state != State.REMOVED else []
-        if one.state == State.CHANGED and not one.stages:
+        failed = [f"{entry.failure.stage}: {entry.failure.error}"] if entry.failure is not None else []
+        why = sentences(entry.roots) if entry.state != State.REMOVED else []
+        if entry.state == State.CHANGED and not entry.stages:
             why = [FIGURES]
-        behind = tuple(change.stage for change in one.stages if change.follows)
-        direct = tuple(change.stage for change in one.stages if not change.follows)
-        found[one.state, (*failed, *why), direct, behind].append(one)
-    made = [Group(*alike, tuple(objects)) for alike, objects in found.items()]
-    return sorted(made, key=lambda one: (one.state, len(one.objects), one.objects[0].object_id))
+        behind = tuple(change.stage for change in entry.stages if change.follows)
+        direct = tuple(change.stage for change in entry.stages if not change.follows)
+        objects_by_key[entry.state, (*failed, *why), direct, behind].append(entry)
+    unsorted = [Group(*key, tuple(objects)) for key, objects in objects_by_key.items()]
+    return sorted(unsorted, key=lambda group: (group.state, len(group.objects), group.objects[0].object_id))
 
 
-def sentences(found: Sequence[Reason]) -> list[str]:
+def sentences(reasons: Sequence[Reason]) -> list[str]:
     """Return reasons as texts; many modules of code, or parameters of one section, in one."""
     texts = []
     together: dict[tuple[str, str], list[Reason]] = defaultdict(list)
-    for one in found:
-        section = one.name.rpartition(".")[0] if one.kind == PARAMETER else ""
-        together[one.kind, section].append(one)
+    for reason in reasons:
+        section = reason.name.rpartition(".")[0] if reason.kind == PARAMETER else ""
+        together[reason.kind, section].append(reason)
     for (kind, section), alike in together.items():
         rest = len(alike) - NAMED
         if kind == CODE and rest > 0:
-            named = ", ".join(one.name for one in alike[:NAMED])
-            texts.append(f"code {named} and {rest} more modules changed")
+            first_names = ", ".join(reason.name for reason in alike[:NAMED])
+            texts.append(f"code {first_names} and {rest} more modules changed")
         elif kind == PARAMETER and rest > 1:
             texts += [*map(str, alike[:NAMED]), f"parameter {section}: {rest} more"]
         else:
@@ -222,23 +224,25 @@ def sentences(found: Sequence[Reason]) -> list[str]:
 
 def totals(audit: Audit) -> list[StageTotal]:
     """Return what happened in each stage."""
-    found = []
+    stage_totals = []
     for name in STAGES:
-        changes = [change for one in audit.objects for change in one.stages if change.stage == name]
+        changes = [change for entry in audit.objects for change in entry.stages if change.stage == name]
         if not changes:
             continue
-        made = [one for one in changes if one.new and one.new != one.old]
-        known = [one.cpu_s for one in made if one.cpu_s is not None]
-        arrays = Counter(verdict for one in changes for verdict in one.arrays.verdicts.values())
-        unread = sum(one.arrays.unread for one in changes)
-        states = Counter[str](one.state for one in changes)
-        found.append(StageTotal(name, states, arrays, unread, sum(known), len(known), len(made)))
-    return found
+        new_products = [product for product in changes if product.new and product.new != product.old]
+        costs = [product.cpu_s for product in new_products if product.cpu_s is not None]
+        arrays = Counter(verdict for product in changes for verdict in product.arrays.verdicts.values())
+        unread = sum(product.arrays.unread for product in changes)
+        states = Counter[str](product.state for product in changes)
+        stage_totals.append(
+            StageTotal(name, states, arrays, unread, sum(costs), len(costs), len(new_products))
+        )
+    return stage_totals
 
 
 def counts(audit: Audit) -> str:
     """Return the number of objects of each state."""
-    count = Counter(one.state for one in audit.objects)
+    count = Counter(entry.state for entry in audit.objects)
     return numbered({state: count[state] for state in State if count[state]}) or "none"
 
 
@@ -247,37 +251,42 @@ def numbered(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-def names(found: Sequence[ObjectChange], most: int = 6) -> str:
+def names(changes: Sequence[ObjectChange], most: int = 6) -> str:
     """Return ids with commas between them, the rest counted."""
-    ids = [f"{one.was} -> {one.object_id}" if one.state == State.RENAMED else one.object_id for one in found]
+    ids = [
+        f"{entry.was} -> {entry.object_id}" if entry.state == State.RENAMED else entry.object_id
+        for entry in changes
+    ]
     text = ", ".join(ids[:most])
     return text if len(ids) <= most else f"{text} and {len(ids) - most} more"
 
 
-def value(measure: str, found: float | None) -> str:
+def value(measure: str, number: float | None) -> str:
     """Return a measure's value for people."""
-    if found is None:
+    if number is None:
         return "none"
     decimals = MEASURES[measure].decimals + 1 if MEASURES[measure].unit != "bytes" else 0
-    return f"{found:.{decimals}f}"
+    return f"{number:.{decimals}f}"
 
 
-def change(one: FidelityChange) -> str:
+def change(figure: FidelityChange) -> str:
     """Return by how much a measure changed, for people."""
-    if one.before is None or one.after is None:
-        return "lost" if math.isinf(one.loss) and one.loss > 0 else "new"
-    loss = value(one.measure, abs(one.loss))
+    if figure.before is None or figure.after is None:
+        return "lost" if math.isinf(figure.loss) and figure.loss > 0 else "new"
+    loss = value(figure.measure, abs(figure.loss))
     if not loss.strip("0."):
-        loss = f"{abs(one.loss):.1g}"  # less than the decimals that the measure is printed with
-    return f"{'worse' if one.loss > 0 else 'better'} by {loss}"
+        loss = f"{abs(figure.loss):.1g}"  # less than the decimals that the measure is printed with
+    return f"{'worse' if figure.loss > 0 else 'better'} by {loss}"
 
 
-def cost(found: Sequence[StageTotal]) -> str:
+def cost(stage_totals: Sequence[StageTotal]) -> str:
     """Return the CPU seconds of the new products."""
-    made, costed = sum(one.made for one in found), sum(one.costed for one in found)
-    if not made:
+    products, costed = sum(total.made for total in stage_totals), sum(total.costed for total in stage_totals)
+    if not products:
         return "nothing"
     if not costed:
-        return f"{made} products; what they took is not noted here"
-    spent = sum(one.cpu_s for one in found)
-    return f"{made} products in {spent:.0f} CPU s" + (f" (known of {costed})" if costed < made else "")
+        return f"{products} products; what they took is not noted here"
+    spent = sum(total.cpu_s for total in stage_totals)
+    return f"{products} products in {spent:.0f} CPU s" + (
+        f" (known of {costed})" if costed < products else ""
+    )

@@ -86,11 +86,11 @@ class GitRepository:
 
     def _blob(self, commit: pygit2.Commit, path: str) -> pygit2.Blob | None:
         try:
-            found = commit.tree[(self._prefix / path).as_posix()]
+            entry = commit.tree[(self._prefix / path).as_posix()]
         except (KeyError, ValueError):
             return None
-        return found if isinstance(found, pygit2.Blob) else None
+        return entry if isinstance(entry, pygit2.Blob) else None
 
 
-def _commit(found: pygit2.Commit) -> Commit:
-    return Commit(str(found.id), found.commit_time, found.message.partition("\n")[0])
+def _commit(commit: pygit2.Commit) -> Commit:
+    return Commit(str(commit.id), commit.commit_time, commit.message.partition("\n")[0])

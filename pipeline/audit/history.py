@@ -69,7 +69,7 @@ def history(
     NotHere
         No version can be read here, and no remote is set that may have them.
     """
-    found: list[ObjectVersion] = []
+    versions: list[ObjectVersion] = []
     unreadable: list[Unreadable] = []
     former = made_nothing(stages)
     for commit in reversed(GitRepository(contents.root).commits_of(LOCK, revision)):
@@ -82,21 +82,21 @@ def history(
             unreadable.append((commit, problem))
             continue
         if _products(former, object_id) != _products(version, object_id):
-            found.append(_version(contents, object_id, stages, former, version, commit))
+            versions.append(_version(contents, object_id, stages, former, version, commit))
         former = version
-    if unreadable and not found and contents.remote is None:
+    if unreadable and not versions and contents.remote is None:
         finding = f"none of the {len(unreadable)} versions can be read here: {NOWHERE}"
         raise NotHere(object_id, finding, NAME_A_REMOTE)
-    if not found and not unreadable:
+    if not versions and not unreadable:
         remedy = "Check the id; `git log -- dvc.lock` lists the versions."
         raise InputError(object_id, f"no version behind {revision} has it", remedy)
-    return found, unreadable
+    return versions, unreadable
 
 
 def _products(version: Version, object_id: str) -> dict[str, str]:
     """Return the hashes of an object's files in a version, by folder."""
     folders = version.folders.items()
-    return {path: one.products[object_id].md5 for path, one in folders if object_id in one.products}
+    return {path: folder.products[object_id].md5 for path, folder in folders if object_id in folder.products}
 
 
 def _version(
@@ -104,16 +104,16 @@ def _version(
 ) -> ObjectVersion:
     comparison = Comparison(contents, old, new, stages)
     changed, _ = comparison.stages(object_id, object_id)
-    seconds = [one.cpu_s for one in changed if one.cpu_s is not None]
-    held = len(_products(new, object_id))
+    seconds = [stage_change.cpu_s for stage_change in changed if stage_change.cpu_s is not None]
+    product_count = len(_products(new, object_id))
     state = CHANGED if _products(old, object_id) else APPEARED
-    if held < len(new.folders):
-        state = INCOMPLETE if held else GONE
+    if product_count < len(new.folders):
+        state = INCOMPLETE if product_count else GONE
     return ObjectVersion(
         commit,
         state,
-        tuple(one.stage for one in changed),
-        {one.stage: one.new[:SHORT] for one in changed if one.new},
+        tuple(stage_change.stage for stage_change in changed),
+        {stage_change.stage: stage_change.new[:SHORT] for stage_change in changed if stage_change.new},
         tuple(sentences(ObjectChange(object_id, State.CHANGED, stages=changed).roots)),
         _fidelity(contents, new, object_id),
         sum(seconds) if seconds else None,
@@ -124,8 +124,8 @@ def _version(
 def _fidelity(contents: Contents, version: Version, object_id: str) -> dict[str, float]:
     content = version.content(FIDELITY, object_id)
     try:
-        said = contents.describe(content).attributes if content is not None else {}
+        attributes = contents.describe(content).attributes if content is not None else {}
     except ObjectFolderError:
         return {}  # the comparison has said so
-    values = {key: measure.of(said) for key, measure in MEASURES.items()}
+    values = {key: measure.of(attributes) for key, measure in MEASURES.items()}
     return {key: value for key, value in values.items() if value is not None}

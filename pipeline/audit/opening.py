@@ -111,9 +111,9 @@ def _check_settings(root: Path, revision: str | None) -> None:
         everywhere: dict[str, Any] = {}
         for level in settings.SYSTEM_LEVELS:
             merge(everywhere, settings.load_one(level))
-        here = settings.load_one("local")
+        local_settings = settings.load_one("local")
         for name, options in _remotes(settings.load_one("repo")).items():
-            of_user, local = _remotes(everywhere).get(name, {}), _remotes(here).get(name, {})
+            of_user, local = _remotes(everywhere).get(name, {}), _remotes(local_settings).get(name, {})
             for key in sorted(options.keys() - local.keys()):
                 if key not in TAKEN:
                     finding = f"remote {name!r} sets {key}, which is taken from your own settings alone"

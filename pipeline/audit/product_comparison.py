@@ -33,16 +33,16 @@ class ProductComparison:
         self,
         stage: Stage,
         contents: tuple[Content, Content],
-        said: tuple[Description, Description],
+        descriptions: tuple[Description, Description],
         around: Circumstances,
     ) -> tuple[Arrays, list[Reason]]:
         """Return how the arrays of two products, the earlier one first, compare, and why they differ."""
-        reasons = why(stage, *said, around)
-        suspicious = all(one.kind == BYTES for one in reasons)
-        arrays, defects = _by_checksums(*said)
+        reasons = why(stage, *descriptions, around)
+        suspicious = all(reason.kind == BYTES for reason in reasons)
+        arrays, defects = _by_checksums(*descriptions)
         if self.read_arrays or (suspicious and self._affords(contents)):
             try:
-                arrays, sentence = self._read(stage, contents, said)
+                arrays, sentence = self._read(stage, contents, descriptions)
                 defects, reasons = [], [Reason(BYTES, note=sentence)] if suspicious else reasons
             except FormatError as error:
                 defects = [_corrupted(Path(error.where).name.partition(".")[0], error.finding)]
@@ -61,14 +61,14 @@ class ProductComparison:
         return True
 
     def _read(
-        self, stage: Stage, contents: tuple[Content, Content], said: tuple[Description, Description]
+        self, stage: Stage, contents: tuple[Content, Content], descriptions: tuple[Description, Description]
     ) -> tuple[Arrays, str]:
         """Compare two products by their values, within the tolerances of the later one."""
         with tempfile.TemporaryDirectory(prefix="objectfolder-audit-") as folder:
             old, new = (Path(folder) / f"{which}{contents[0].suffix}" for which in (EARLIER, LATER))
             self._contents.place(contents[0], old)
             self._contents.place(contents[1], new)
-            allowed, stored = stored_tolerances(stage.tolerances, said[1], said[0])
+            allowed, stored = stored_tolerances(stage.tolerances, descriptions[1], descriptions[0])
             arrays = Arrays.read(compare(old, new, allowed))
         counts = arrays.count()
         if counts[DIFFERENT]:
@@ -89,9 +89,9 @@ def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list
     if not (before.listing and after.listing):
         return Arrays(unread=1), []
     chunks, damage = [], []
-    for which, one in ((EARLIER, before), (LATER, after)):
+    for which, description in ((EARLIER, before), (LATER, after)):
         try:
-            chunks.append(one.chunks)
+            chunks.append(description.chunks)
         except ValueError as error:
             damage.append(_corrupted(which, error))
     if damage:

@@ -48,20 +48,20 @@ class Circumstances:
     renamed: bool = False
 
 
-def distinct(found: Iterable[Reason]) -> list[Reason]:
+def distinct(reasons: Iterable[Reason]) -> list[Reason]:
     """Return each reason once."""
-    known: list[Reason] = []
-    for one in found:
-        if one not in known:
-            known.append(one)
-    return known
+    unique: list[Reason] = []
+    for reason in reasons:
+        if reason not in unique:
+            unique.append(reason)
+    return unique
 
 
-def is_labelled_truly(found: Description) -> bool:
+def is_labelled_truly(description: Description) -> bool:
     """Whether a product's fingerprint is that of the parts it names."""
-    parts = {section: part for section, part in found.provenance.items() if section not in BESIDE}
+    parts = {section: part for section, part in description.provenance.items() if section not in BESIDE}
     try:
-        return fingerprint(parts) == found.fingerprint
+        return fingerprint(parts) == description.fingerprint
     except (TypeError, ValueError, RecursionError):
         return False
 
@@ -74,25 +74,28 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
     list of Reason
         At least one; `BYTES` where both were made from the same.
     """
-    silent = [which for which, one in (("earlier", old), ("later", new)) if not one.provenance]
+    silent = [which for which, product in (("earlier", old), ("later", new)) if not product.provenance]
     if silent:
         finding = f"the {' and the '.join(silent)} one does not name what it was made from"
         return [Reason(MISLABELLED, note=finding)]
-    found: list[Reason] = []
+    reasons: list[Reason] = []
     # Most parts of most products are equal: only the others are walked through.
     changed = {key for key in SECTIONS if old.provenance.get(key) != new.provenance.get(key)}
-    parts = [{key: one.provenance[key] for key in changed if key in one.provenance} for one in (old, new)]
+    parts = [
+        {key: product.provenance[key] for key in changed if key in product.provenance}
+        for product in (old, new)
+    ]
     try:
         for difference in differences(*parts):
-            found += _explained(stage, difference, around)
+            reasons += _explained(stage, difference, around)
     except RecursionError:
-        found.append(Reason(MISLABELLED, note="its parts are too deep to be read"))
-    found = _without_what_a_material_explains(distinct(found), around)
+        reasons.append(Reason(MISLABELLED, note="its parts are too deep to be read"))
+    reasons = _without_what_a_material_explains(distinct(reasons), around)
     if not is_labelled_truly(new):
-        found.insert(0, Reason(MISLABELLED, note="it is not that of the parts the product names"))
-    if not found:
-        found += _tolerances(old.provenance.get("tolerances"), new.provenance.get("tolerances"))
-    return found or [Reason(BYTES, note="made from the same, other bytes")]
+        reasons.insert(0, Reason(MISLABELLED, note="it is not that of the parts the product names"))
+    if not reasons:
+        reasons += _tolerances(old.provenance.get("tolerances"), new.provenance.get("tolerances"))
+    return reasons or [Reason(BYTES, note="made from the same, other bytes")]
 
 
 def _explained(stage: Stage, difference: Reason, around: Circumstances) -> Iterator[Reason]:
@@ -121,14 +124,14 @@ def _explained(stage: Stage, difference: Reason, around: Circumstances) -> Itera
 def _source(role: str, old: Any, new: Any, around: Circumstances) -> Reason:
     """Name a source file by the properties of the object that it changed."""
     before, after = around.digests
-    known = "geometry" in before and "geometry" in after
-    geometry = known and before["geometry"] != after["geometry"]
-    texture = known and before.get("texture") != after.get("texture")
+    comparable = "geometry" in before and "geometry" in after
+    geometry = comparable and before["geometry"] != after["geometry"]
+    texture = comparable and before.get("texture") != after.get("texture")
     normals = "normals" in before and "normals" in after and before["normals"] != after["normals"]
     same = "geometry and texture are the same"
     note = (
         f"{'its normals' if normals else 'the file'} only: {same}"
-        if known and not (geometry or texture)
+        if comparable and not (geometry or texture)
         else ""
     )
     if role == "texture" or (role != "mesh" and texture):
@@ -172,15 +175,15 @@ def _same(cell: str | None, value: Any) -> bool:
         return False
 
 
-def _without_what_a_material_explains(found: list[Reason], around: Circumstances) -> list[Reason]:
+def _without_what_a_material_explains(reasons: list[Reason], around: Circumstances) -> list[Reason]:
     """Leave out the values of a row where it is another material's row."""
-    if not any(one.kind == MATERIAL for one in found):
+    if not any(reason.kind == MATERIAL for reason in reasons):
         before, after = around.materials
         # A stage that reads only the citation still sees another material.
-        if before == after or not any(one.kind == ROW for one in found):
-            return found
-        found = [Reason(MATERIAL, "", before, after), *found]
-    return [one for one in found if one.kind != ROW]
+        if before == after or not any(reason.kind == ROW for reason in reasons):
+            return reasons
+        reasons = [Reason(MATERIAL, "", before, after), *reasons]
+    return [reason for reason in reasons if reason.kind != ROW]
 
 
 def _tolerances(old: Any, new: Any) -> list[Reason]:
@@ -190,4 +193,4 @@ def _tolerances(old: Any, new: Any) -> list[Reason]:
         return [Reason(TOLERANCE, note="stored in one of the two only")]
     # As parts of a fingerprint, to be compared like them.
     changed = differences({"parameters": old}, {"parameters": new})
-    return [Reason(TOLERANCE, one.name, one.old, one.new) for one in changed]
+    return [Reason(TOLERANCE, difference.name, difference.old, difference.new) for difference in changed]

@@ -80,17 +80,17 @@ def recompute(
     if count and not candidates:
         raise InputError(version.label, "it has no product", "Run `dvc pull`, or name another version.")
     chosen = random.Random(seed).sample(candidates, min(count, len(candidates)))
-    found = []
+    results = []
     with tempfile.TemporaryDirectory(prefix="objectfolder-again-") as folder:
         bench = _Bench(Path(folder), contents, version)
         with Child(Path(folder), ChildSettings()) as child:
             for stage, object_id in chosen:
                 started(stage.name, object_id)
                 try:
-                    found.append(bench.remake(stage, object_id, child))
+                    results.append(bench.remake(stage, object_id, child))
                 except (ObjectFolderError, OSError, ProcessKilled) as error:
-                    found.append(Remade(stage.name, object_id, FAILED, str(error)))
-    return found
+                    results.append(Remade(stage.name, object_id, FAILED, str(error)))
+    return results
 
 
 class _Bench:
@@ -101,9 +101,9 @@ class _Bench:
 
     def remake(self, stage: Stage, object_id: str, child: Child) -> Remade:
         """Make one product again."""
-        there = [self._content(kind, object_id) for kind in stage.products]
-        told = [self._contents.describe(content) for content in there]
-        parts = told[-1].provenance
+        contents = [self._content(kind, object_id) for kind in stage.products]
+        descriptions = [self._contents.describe(content) for content in contents]
+        parts = descriptions[-1].provenance
         code = code_identity(stage.task.partition(":")[0])
         changed = _changed(parts, code)
         request = Request(
@@ -111,38 +111,40 @@ class _Bench:
             self._inputs(stage, object_id, parts),
             mapping(parts.get("parameters")),
             mapping(parts.get("record")),
-            _seed(parts, there[-1].where),
+            _seed(parts, contents[-1].where),
         )
         targets = tuple(stage.targets(self._root / "again", object_id))
         for target in targets:
             target.parent.mkdir(parents=True, exist_ok=True)
         # With today's code, not the version's: the child refuses code that differs from what it has loaded.
-        call = Call(stage.name, stage.task, request, targets, told[-1].fingerprint, {**parts, "code": code})
+        call = Call(
+            stage.name, stage.task, request, targets, descriptions[-1].fingerprint, {**parts, "code": code}
+        )
         outcome = child.run(call)
         if outcome.failure is not None:
             finding = "; ".join([outcome.failure.error, *changed])
             return Remade(stage.name, object_id, FAILED, finding, cpu_s=outcome.cpu_s)
         arrays = Arrays()
-        for content, target, description in zip(there, targets, told, strict=True):
+        for content, target, description in zip(contents, targets, descriptions, strict=True):
             allowed, _ = stored_tolerances(stage.tolerances, description)
             arrays += Arrays.read(compare(self._place(content), target, allowed))
             target.unlink()
-        verdict = next((one for one in (DIFFERENT, WITHIN) if arrays.count()[one]), EQUAL)
+        verdict = next((candidate for candidate in (DIFFERENT, WITHIN) if arrays.count()[candidate]), EQUAL)
         finding = "; ".join(filter(None, [arrays.different(), *changed]))
         return Remade(stage.name, object_id, verdict, finding, arrays, outcome.cpu_s)
 
     def _content(self, kind: ProductKind, object_id: str) -> Content:
-        found = self._version.content(kind, object_id)
-        if found is None:
+        content = self._version.content(kind, object_id)
+        if content is None:
             raise InputError(kind.name, "the version has none of this object", "Run `dvc repro`.")
-        return found
+        return content
 
     def _inputs(self, stage: Stage, object_id: str, parts: Mapping[str, Any]) -> dict[str, Path]:
         """Return the products and the source files that a product was made from."""
         kinds = [product.kind for product in stage.inputs]
-        found = {kind.name: self._place(self._content(kind, object_id)) for kind in kinds}
+        paths = {kind.name: self._place(self._content(kind, object_id)) for kind in kinds}
         if stage.sources is None:
-            return found
+            return paths
         if object_id not in self._rows:
             finding = "its row in the table is not here"
             raise InputError(object_id, finding, "Make it again from its own work tree.")
@@ -150,8 +152,8 @@ class _Bench:
             if mapping(parts.get("inputs")).get(role) != file_digest(path):
                 finding = f"the {role} here is not the one that it was made from"
                 raise InputError(str(path), finding, "Fetch the version's own files.")
-            found[role] = path
-        return found
+            paths[role] = path
+        return paths
 
     @cached_property
     def _rows(self) -> Mapping[str, Mapping[str, Any]]:
@@ -186,15 +188,15 @@ class _Bench:
 
 def _seed(parts: Mapping[str, Any], where: str) -> int:
     """Return the seed that a product names; another seed would make another product."""
-    found = parts.get("seed")
-    if type(found) is not int:  # a truth value would pass as one
-        raise FormatError(where, f"it names no seed, but {str(found)[:60]!r}", "See `objectfolder verify`.")
-    return found
+    seed = parts.get("seed")
+    if type(seed) is not int:  # a truth value would pass as one
+        raise FormatError(where, f"it names no seed, but {str(seed)[:60]!r}", "See `objectfolder verify`.")
+    return seed
 
 
 def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> list[str]:
     """Say where today's code and packages differ from those that a product names."""
     packages = mapping(parts.get("packages"))
-    was = {"code": mapping(parts.get("code")), "packages": packages}
-    now = {"code": code, "packages": package_versions(packages)}
-    return sentences(differences(was, now))
+    stored = {"code": mapping(parts.get("code")), "packages": packages}
+    current = {"code": code, "packages": package_versions(packages)}
+    return sentences(differences(stored, current))

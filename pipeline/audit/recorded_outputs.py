@@ -59,13 +59,13 @@ def difference(root: Path) -> str:
 
 def _figures(old: Mapping[str, bytes], new: Mapping[str, bytes]) -> list[str]:
     """Return the means of fidelity that differ, those first that a person would notice."""
-    found = changes_of_means(old.get(METRICS), new.get(METRICS))
-    ordered = sorted(worst_first(found), key=lambda one: -abs(one.weight))
+    changes = changes_of_means(old.get(METRICS), new.get(METRICS))
+    ordered = sorted(worst_first(changes), key=lambda change: -abs(change.weight))
     texts: list[str] = []
-    for one in ordered:
-        before, after = value(one.measure, one.before), value(one.measure, one.after)
+    for change in ordered:
+        before, after = value(change.measure, change.before), value(change.measure, change.after)
         if before != after:
-            texts.append(f"{one.measure} {before} -> {after}")
+            texts.append(f"{change.measure} {before} -> {after}")
     rest = len(ordered) - len(texts[:NAMED])
     return texts[:NAMED] + [f"{rest} more mean{'' if rest == 1 else 's'}"] * bool(rest)
 

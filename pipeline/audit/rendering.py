@@ -32,8 +32,8 @@ SHOWN = (*(measure.key for measure in HEADLINE), BYTES.key)
 def as_json(content: Mapping[str, Any]) -> str:
     """Return findings as JSON; a number that is not finite is null."""
 
-    def error(found: ObjectFolderError) -> dict[str, str]:
-        return {"where": found.where, "finding": found.finding, "remedy": found.remedy}
+    def error(problem: ObjectFolderError) -> dict[str, str]:
+        return {"where": problem.where, "finding": problem.finding, "remedy": problem.remedy}
 
     return to_json(content, indent=1, inf_nan_mode="null", fallback=error).decode()
 
@@ -42,7 +42,7 @@ def audit_text(
     audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float], width: int
 ) -> str:
     """Return what an audit found, and what of it exceeds the largest loss allowed by measure, for people."""
-    felt = [one for one in audit.fidelity if abs(one.weight) >= LEAST_WEIGHT]
+    felt = [figure for figure in audit.fidelity if abs(figure.weight) >= LEAST_WEIGHT]
     stages = totals(audit)
     return _rendered(
         "audit",
@@ -51,7 +51,7 @@ def audit_text(
         counts=counts(audit),
         groups=groups(audit),
         most=GROUPS,
-        stages=[COLUMNS, *((one.stage, *one.cells) for one in stages)] if stages else [],
+        stages=[COLUMNS, *((total.stage, *total.cells) for total in stages)] if stages else [],
         fidelity=_fidelity_rows(felt[:FIDELITY_ROWS]),
         means=_fidelity_rows(audit.means),
         unshown=len(felt[FIDELITY_ROWS:]),
@@ -62,35 +62,41 @@ def audit_text(
     )
 
 
-def _fidelity_rows(found: Sequence[FidelityChange]) -> list[tuple[str, ...]]:
+def _fidelity_rows(changes: Sequence[FidelityChange]) -> list[tuple[str, ...]]:
     """Return a table of changes with its head; nothing for no change."""
     head = ("object", "measure", "before", "after", "change")
-    rows: list[tuple[str, ...]] = [head] if found else []
-    for one in found:
-        unit = MEASURES[one.measure].unit
-        name = f"{one.measure} ({unit})" if unit not in ("", "bytes") else one.measure
-        before, after = value(one.measure, one.before), value(one.measure, one.after)
-        rows.append((one.object_id, name, before, after, change(one)))
+    rows: list[tuple[str, ...]] = [head] if changes else []
+    for figure in changes:
+        unit = MEASURES[figure.measure].unit
+        name = f"{figure.measure} ({unit})" if unit not in ("", "bytes") else figure.measure
+        before, after = (
+            value(figure.measure, figure.before),
+            value(figure.measure, figure.after),
+        )
+        rows.append((figure.object_id, name, before, after, change(figure)))
     return rows
 
 
-def verified_text(found: Verified, remade: Sequence[Remade], label: str, width: int) -> str:
+def verified_text(verification: Verified, remade: Sequence[Remade], label: str, width: int) -> str:
     """Return what a verification found, and how products made again compare."""
-    return _rendered("verified", width, verified=found, remade=remade, label=label, most=FINDINGS)
+    return _rendered("verified", width, verified=verification, remade=remade, label=label, most=FINDINGS)
 
 
 def history_text(
-    object_id: str, found: Sequence[ObjectVersion], unreadable: Sequence[Unreadable], width: int
+    object_id: str, versions: Sequence[ObjectVersion], unreadable: Sequence[Unreadable], width: int
 ) -> str:
     """Return the versions of an object, oldest first."""
     together: dict[str, list[str]] = defaultdict(list)
     for commit, error in unreadable:
         together[MD5.sub("a list of files", str(error))].append(commit.short)
-    count = sum(one.state != GONE for one in found)  # a commit that removed it is listed, and is no version
-    return _rendered("history", width, object_id=object_id, count=count, versions=found, unreadable=together)
+    # A commit that removed it is listed, and is no version.
+    count = sum(version.state != GONE for version in versions)
+    return _rendered(
+        "history", width, object_id=object_id, count=count, versions=versions, unreadable=together
+    )
 
 
-def _rendered(template: str, width: int, **found: object) -> str:
+def _rendered(template: str, width: int, **context: object) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         undefined=jinja2.StrictUndefined,
@@ -109,7 +115,7 @@ def _rendered(template: str, width: int, **found: object) -> str:
         "wrapped": wrapped, "columns": _columns, "measured": _measured, "names": names, "counted": numbered,
         "size": decimal, "change": change,
     }  # fmt: skip
-    text = environment.get_template(f"{template}.txt.j2").render(found)
+    text = environment.get_template(f"{template}.txt.j2").render(context)
     return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
 
 
@@ -119,8 +125,8 @@ def _printable(value: object) -> str:
 
 
 def _measured(fidelity: Mapping[str, float]) -> str:
-    shown = (key for key in SHOWN if key in fidelity)
-    return ", ".join(f"{key} {value(key, fidelity[key])} {MEASURES[key].unit}".rstrip() for key in shown)
+    keys = (key for key in SHOWN if key in fidelity)
+    return ", ".join(f"{key} {value(key, fidelity[key])} {MEASURES[key].unit}".rstrip() for key in keys)
 
 
 def _columns(rows: Sequence[Sequence[str]], texts: int) -> str:

@@ -75,10 +75,12 @@ class Arrays:
     largest: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, found: Sequence[Difference]) -> "Arrays":
+    def read(cls, differences: Sequence[Difference]) -> "Arrays":
         """Return the verdicts of differences."""
-        apart = {one.name: one.largest for one in found if one.verdict != EQUAL}
-        return cls({one.name: one.verdict for one in found}, largest=apart)
+        apart = {
+            difference.name: difference.largest for difference in differences if difference.verdict != EQUAL
+        }
+        return cls({difference.name: difference.verdict for difference in differences}, largest=apart)
 
     def __add__(self, other: "Arrays") -> "Arrays":
         return Arrays(
@@ -96,15 +98,17 @@ class Arrays:
 
 
 def stored_tolerances(
-    declared: Mapping[str, Tolerance], *found: Description
+    declared: Mapping[str, Tolerance], *descriptions: Description
 ) -> tuple[Mapping[str, Tolerance], bool]:
     """Return the tolerances that the first of some products stores, and whether one does.
 
     Products from before tolerances were stored are judged by what is declared now.
     """
-    for one in found:
+    for description in descriptions:
         with contextlib.suppress(LookupError, ValueError):
-            return TypeAdapter(dict[str, Tolerance]).validate_python(one.provenance["tolerances"]), True
+            return TypeAdapter(dict[str, Tolerance]).validate_python(
+                description.provenance["tolerances"]
+            ), True
     return declared, False
 
 
@@ -130,14 +134,14 @@ def compare(first: Path, second: Path, tolerances: Mapping[str, Tolerance]) -> l
     FormatError
         A damaged product.
     """
-    ours, theirs = _values(first), _values(second)
-    found = []
-    for name in sorted(ours.keys() | theirs.keys()):
-        if name in ours and name in theirs:
-            found.append(difference(name, ours[name], theirs[name], _for(name, tolerances)))
+    reference, candidate = _values(first), _values(second)
+    differences = []
+    for name in sorted(reference.keys() | candidate.keys()):
+        if name in reference and name in candidate:
+            differences.append(difference(name, reference[name], candidate[name], _for(name, tolerances)))
         else:
-            found.append(Difference(name, DIFFERENT, np.inf, np.inf, np.inf))
-    return found
+            differences.append(Difference(name, DIFFERENT, np.inf, np.inf, np.inf))
+    return differences
 
 
 def difference(name: str, first: np.ndarray, second: np.ndarray, allowed: Tolerance) -> Difference:
@@ -149,14 +153,14 @@ def difference(name: str, first: np.ndarray, second: np.ndarray, allowed: Tolera
         return Difference(name, EQUAL)
     if first.dtype.kind not in "biuf":
         return unlike
-    ours, theirs = first.astype(np.float64), second.astype(np.float64)
-    known = np.isfinite(ours)
+    reference, candidate = first.astype(np.float64), second.astype(np.float64)
+    finite = np.isfinite(reference)
     if not np.array_equal(
-        np.where(known, 0.0, ours), np.where(np.isfinite(theirs), 0.0, theirs), equal_nan=True
+        np.where(finite, 0.0, reference), np.where(np.isfinite(candidate), 0.0, candidate), equal_nan=True
     ):
         return unlike
-    apart = np.abs(np.subtract(ours, theirs, where=known, out=np.zeros_like(ours)))
-    scale = _scale(ours[known])
+    apart = np.abs(np.subtract(reference, candidate, where=finite, out=np.zeros_like(reference)))
+    scale = _scale(reference[finite])
     largest, rms = float(apart.max(initial=0.0)), float(np.sqrt(np.mean(apart**2)))
     within = allowed != SAME_BYTES and (
         largest <= allowed.absolute + allowed.relative * scale
@@ -186,15 +190,15 @@ def _values(path: Path) -> dict[str, np.ndarray]:
     if path.name.endswith(products.TENSORS):
         content = read_tensor_file(path)
         arrays = dict(content.tensors)
-        said: dict[str, Any] = {key: _parsed(text) for key, text in content.metadata.items()}
+        attributes: dict[str, Any] = {key: _parsed(text) for key, text in content.metadata.items()}
     else:
         product = read_product(path)
         arrays = {name: array.data for name, array in product.arrays.items()}
-        said = dict(product.attributes)
+        attributes = dict(product.attributes)
     for key in MAKING:
-        said.pop(key, None)
+        attributes.pop(key, None)
     try:
-        leaves = {ATTRIBUTE + name: np.asarray(value) for name, value in _leaves(said, "")}
+        leaves = {ATTRIBUTE + name: np.asarray(value) for name, value in _leaves(attributes, "")}
     except RecursionError as error:
         finding = "its attributes are too deep"
         raise FormatError(str(path), finding, "Delete it; a run makes it again.") from error

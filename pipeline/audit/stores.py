@@ -64,19 +64,19 @@ class Stores:
             return self.repository.cloud.get_remote_odb(self._remote_name or None)
         except Exception as error:  # none is set, or its settings or its library are missing
             if self._remote_name:
-                known = ", ".join(sorted(self.repository.config["remote"])) or "none"
+                remotes = ", ".join(sorted(self.repository.config["remote"])) or "none"
                 finding = f"no such remote, or not usable ({str(error).rstrip('.')})"
-                raise InputError(self._remote_name, finding, f"The repository has {known}.") from error
-            said = str(error).partition("\n")[0].rstrip(".")
-            self._no_remote = "no remote is set" if isinstance(error, NoRemoteError) else said
+                raise InputError(self._remote_name, finding, f"The repository has {remotes}.") from error
+            reason = str(error).partition("\n")[0].rstrip(".")
+            self._no_remote = "no remote is set" if isinstance(error, NoRemoteError) else reason
             return None
 
     def path(self, md5: str) -> Path | None:
         """Return the file of the cache that should have this content."""
         for folder in self._folders:
-            found = f"{folder}{os.sep}{md5[:2]}{os.sep}{md5[2:]}"
-            if os.path.isfile(found):
-                return Path(found)
+            file = f"{folder}{os.sep}{md5[:2]}{os.sep}{md5[2:]}"
+            if os.path.isfile(file):
+                return Path(file)
         return None
 
     def folder(self, md5: str, where: str) -> dict[str, str]:
@@ -97,7 +97,7 @@ class Stores:
             except FileNotFoundError:
                 continue
             except Exception as error:  # each kind of store has its own
-                problems.append(_told(name, error))
+                problems.append(_store_error(name, error))
                 continue
             if len(text) > MOST_LIST_BYTES:
                 problems.append(f"{name}: a list of more than {MOST_LIST_BYTES} bytes")
@@ -147,7 +147,7 @@ class Stores:
                     except InputError:
                         raise
                     except Exception as error:  # each kind of store has its own
-                        problems.append(_told(name, error))
+                        problems.append(_store_error(name, error))
                         continue
                     if md5_of(target) == md5:
                         os.fsync(file.fileno())
@@ -191,12 +191,12 @@ def _append(fs: Any, source: str, file: FileIO, progress: Progress, most: int) -
     if place > size:
         place = file.truncate(0)
     while place < size:
-        wanted = min(BLOCK_BYTES, size - place)
-        block = fs.cat_file(source, start=place, end=place + wanted)
-        if len(block) == size != wanted:  # a server without ranges sends all of it
+        byte_count = min(BLOCK_BYTES, size - place)
+        block = fs.cat_file(source, start=place, end=place + byte_count)
+        if len(block) == size != byte_count:  # a server without ranges sends all of it
             place = file.truncate(0)
-        elif len(block) != wanted:
-            raise ConnectionError(f"{len(block)} of {wanted} bytes arrived")
+        elif len(block) != byte_count:
+            raise ConnectionError(f"{len(block)} of {byte_count} bytes arrived")
         try:
             written = file.write(block)
         except OSError as error:  # a full disk is no fault of the store
@@ -208,5 +208,5 @@ def _append(fs: Any, source: str, file: FileIO, progress: Progress, most: int) -
         progress(written)
 
 
-def _told(store: str, error: Exception) -> str:
+def _store_error(store: str, error: Exception) -> str:
     return f"{store}: {type(error).__name__}: {error}".strip().replace("\n", " ")

@@ -81,18 +81,20 @@ def verify(
     items, findings = _items(contents, version, stages)
     if version.damage is not None:
         findings.append(Finding(LOCK, DAMAGED, version.damage.finding, version.damage.remedy))
-    told: dict[tuple[str, str], Description] = {}
-    done = read = 0
+    descriptions: dict[tuple[str, str], Description] = {}
+    file_count = byte_count = 0
     with ThreadPoolExecutor(AT_ONCE) as pool, tempfile.TemporaryDirectory(prefix="objectfolder-") as scratch:
         checked = pool.map(lambda item: _check(item, contents, version, Path(scratch)), items)
-        for item, (size, found, description) in zip(items, checked, strict=True):
-            done, read = done + 1, read + size
-            findings += found
+        for item, (size, item_findings, description) in zip(items, checked, strict=True):
+            file_count, byte_count = file_count + 1, byte_count + size
+            findings += item_findings
             if description is not None and item.kind is not None:
-                told[item.kind.name, item.object_id] = description
-            progress(done, len(items), read)
-    findings += _lineage(stages, told)
-    return Verified(done, read, tuple(sorted(findings, key=lambda one: (one.where, one.kind))))
+                descriptions[item.kind.name, item.object_id] = description
+            progress(file_count, len(items), byte_count)
+    findings += _lineage(stages, descriptions)
+    return Verified(
+        file_count, byte_count, tuple(sorted(findings, key=lambda finding: (finding.where, finding.kind)))
+    )
 
 
 def _items(
@@ -144,15 +146,15 @@ def _check(
     except OSError as error:
         text = f"cannot be read ({error.strerror})"
         return 0, [item.finding(DAMAGED, text, "See the disk and its access rights.")], None
-    found = []
+    findings = []
     if item.md5 and digest != item.md5:
         text = f"its MD5 is {digest}, the version lists {item.md5}"
-        found = [item.finding(OTHER, text, _restore(item, contents))]
+        findings = [item.finding(OTHER, text, _restore(item, contents))]
     elif not item.md5 and version.damage is None:
         remedy = "Run `dvc repro`, or `dvc commit` if it is meant to be."
-        found = [item.finding(UNLISTED, "whole, but dvc.lock does not list it", remedy)]
+        findings = [item.finding(UNLISTED, "whole, but dvc.lock does not list it", remedy)]
     if item.kind is None or item.path is None:
-        return size, found, None
+        return size, findings, None
     try:
         description = _opened(item.path, item.kind, item.md5 or item.object_id, scratch)
     except (ObjectFolderError, OSError) as error:
@@ -161,8 +163,8 @@ def _check(
         return size, [item.finding(DAMAGED, text, _restore(item, contents))], None
     if not is_labelled_truly(description):
         text = "its fingerprint is not that of the parts it names"
-        found.append(item.finding(MISLABELLED, text, REMAKE))
-    return size, found, description
+        findings.append(item.finding(MISLABELLED, text, REMAKE))
+    return size, findings, description
 
 
 def _hashed(item: _Item) -> tuple[int, str]:
@@ -177,19 +179,19 @@ def _hashed(item: _Item) -> tuple[int, str]:
 def _opened(path: Path, kind: ProductKind, name: str, scratch: Path) -> Description:
     """Open a product as each of its readers does."""
     # Files of the cache lack the suffix by which the kind of a product is known.
-    named = scratch / f"{kind.name}-{name}{kind.suffix}"
-    named.symlink_to(path.resolve())
+    link = scratch / f"{kind.name}-{name}{kind.suffix}"
+    link.symlink_to(path.resolve())
     try:
-        products.verify(named)
-        description = Description(products.read_description(named))
+        products.verify(link)
+        description = Description(products.read_description(link))
         if kind.suffix == TENSORS and description.attributes.get("format") == FORMAT:
-            ObjectFile.load(named)
+            ObjectFile.load(link)
     except ObjectFolderError as error:
-        raise FormatError(str(path), error.finding.replace(f"{named}: ", ""), error.remedy) from error
+        raise FormatError(str(path), error.finding.replace(f"{link}: ", ""), error.remedy) from error
     except RecursionError as error:
         raise FormatError(str(path), "its attributes are too deep", REMAKE) from error
     finally:
-        named.unlink(missing_ok=True)
+        link.unlink(missing_ok=True)
     return description
 
 
@@ -215,28 +217,34 @@ def _restore(item: _Item, contents: Contents) -> str:
     return f"Its copy in the cache is damaged, too: {remedy}"
 
 
-def _lineage(stages: Sequence[Stage], told: Mapping[tuple[str, str], Description]) -> Iterator[Finding]:
+def _lineage(
+    stages: Sequence[Stage], descriptions: Mapping[tuple[str, str], Description]
+) -> Iterator[Finding]:
     """Compare what each product was made from with what the version has."""
     made_by = {kind.name: (stage, kind) for stage in stages for kind in stage.products}
-    for (name, object_id), description in told.items():
+    for (name, object_id), description in descriptions.items():
         stage, kind = made_by[name]
         inputs = description.provenance.get("inputs")
-        others = []
+        mismatches = []
         for product in stage.inputs:
-            there = told.get((product.kind.name, object_id))
-            said = inputs.get(product.kind.name) if isinstance(inputs, dict) else None
-            if there is not None and said != _digest(there, product.attributes):
-                others.append(product.kind.name)
-        if others:
+            input_description = descriptions.get((product.kind.name, object_id))
+            input_digest = inputs.get(product.kind.name) if isinstance(inputs, dict) else None
+            if input_description is not None and input_digest != _digest(
+                input_description, product.attributes
+            ):
+                mismatches.append(product.kind.name)
+        if mismatches:
             where = f"{kind.folder}/{object_id}{kind.suffix}"
-            finding = f"made from other {', '.join(others)} than those beside it"
+            finding = f"made from other {', '.join(mismatches)} than those beside it"
             yield Finding(where, MADE_FROM_ANOTHER, finding, "Run `dvc repro`.")
 
 
-def _digest(found: Description, attributes: Sequence[str]) -> Any:
+def _digest(description: Description, attributes: Sequence[str]) -> Any:
     if not attributes:
-        return found.fingerprint
+        return description.fingerprint
     try:
-        return {name: reduce(operator.getitem, name.split("."), found.attributes) for name in attributes}
+        return {
+            name: reduce(operator.getitem, name.split("."), description.attributes) for name in attributes
+        }
     except (KeyError, TypeError):
         return None

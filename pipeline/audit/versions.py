@@ -74,8 +74,8 @@ class Version:
         try:
             return parse_records(self.texts.get(RECORDS.as_posix(), b""))
         except InputError:
-            made = (folder.products for folder in self.folders.values())
-            return Records({object_id: {} for products in made for object_id in products})
+            folders = self.folders.values()
+            return Records({object_id: {} for folder in folders for object_id in folder.products})
 
     @property
     def rows(self) -> Mapping[str, Mapping[str, Any]]:
@@ -104,8 +104,8 @@ class Version:
 
     def lying(self, folder: str) -> set[str]:
         """Return the hashes of the files in a folder of the work tree; none for a commit."""
-        found = self.folders.get(folder, Folder())
-        return {one.md5 for one in found.products.values() if one.path is not None}
+        products = self.folders.get(folder, Folder()).products
+        return {content.md5 for content in products.values() if content.path is not None}
 
     def failures(self, stages: Sequence[Stage]) -> dict[str, FailedObject]:
         """Return the first stage that an object lacks a product of, and why, by object id.
@@ -113,7 +113,7 @@ class Version:
         A stage that the version does not have at all, or whose products are not known here, says nothing.
         """
         refused = self.records.refused
-        found = {failure.object_id: FailedObject.of(stages[0].name, failure) for failure in refused}
+        failures = {failure.object_id: FailedObject.of(stages[0].name, failure) for failure in refused}
         for stage in stages:
             folders = [self.folders[kind.folder] for kind in stage.products]
             if not all(folder.made and folder.problem is None for folder in folders):
@@ -121,8 +121,8 @@ class Version:
             for object_id in self.rows:
                 if not all(object_id in folder.products for folder in folders):
                     unknown = FailedObject(object_id, stage.name, NOT_KEPT, LOOK)
-                    found.setdefault(object_id, self.reported.get((stage.name, object_id), unknown))
-        return found
+                    failures.setdefault(object_id, self.reported.get((stage.name, object_id), unknown))
+        return failures
 
 
 def read_version(contents: Contents, stages: Sequence[Stage], revision: str | None) -> Version:
@@ -171,13 +171,13 @@ def _work_tree(contents: Contents, stages: Sequence[Stage]) -> Version:
     if LOCK not in texts and not any(folder.products for folder in folders.values()):
         finding = f"there is no {LOCK} and no product"
         raise InputError(WORK_TREE, finding, "Run `dvc repro` or `make dataset`.")
-    reported = {(one.stage, one.object): one for one in read_failures(root)}
+    reported = {(failure.stage, failure.object): failure for failure in read_failures(root)}
     return Version(None, lock, texts, folders, reported, damage)
 
 
 def _texts(git: GitRepository, commit: Commit, paths: Sequence[str]) -> dict[str, bytes]:
-    found = {path: git.read(commit.hash, path) for path in paths if path}
-    return {path: text for path, text in found.items() if text is not None}
+    texts = {path: git.read(commit.hash, path) for path in paths if path}
+    return {path: text for path, text in texts.items() if text is not None}
 
 
 def _locked(contents: Contents, lock: Lock, kind: ProductKind) -> Folder:
