@@ -139,6 +139,15 @@ def test_pages_load_nothing_from_elsewhere(pages):
 
 
 @pytest.mark.slow
+def test_page_of_measurements_has_each_recorded_result(pages):
+    (page,) = (page for path, page in pages.items() if path.name == "measurements.html")
+    cells = {"".join(cell.itertext()) for cell in page.iter("td")}
+    recorded = {path.stem for path in (REPOSITORY / "bench" / "results").glob("*.json")}
+    assert len(recorded) > 40
+    assert recorded <= cells
+
+
+@pytest.mark.slow
 def test_reference_has_the_queries_of_an_object_file(pages):
     reference = [page for path, page in pages.items() if path.parent.name == "api"]
     names = {has.get("id") for page in reference for _, has in parts(page)}

@@ -1,0 +1,125 @@
+"""Give the page of measurements its table: what is recorded, when, by which code, and what changed since."""
+
+import ast
+import json
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+MARK = "<!-- recorded results -->"
+PACKAGES = ("objectfolder", "pipeline", "learning")
+STALE = 100  # later commits to the code that was measured
+PARTS = ("senses", "factory", "rivals", "rivals/touch")
+# Results of a folder of modules.
+MODULES = {"gpu": "bench/gpu", "gpu_elastic": "bench/gpu", "reality": "bench/reality"}
+
+
+class Commit(NamedTuple):
+    """A commit of the history, with the files that it changed."""
+
+    name: str
+    date: str
+    files: frozenset[str]
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Put the table where the page has its mark."""
+    return markdown.replace(MARK, table()) if MARK in markdown else markdown
+
+
+def table() -> str:
+    """Return the recorded results as a table in Markdown."""
+    history = commits()
+    rows = [row(path, history) for path in sorted(ROOT.glob("bench/results/*.json"))]
+    return "\n".join(
+        ["| result | compared | recorded | processor | later changes |", "|---|---|---|---|---|", *rows]
+    )
+
+
+def row(path: Path, history: list[Commit]) -> str:
+    """Return the row of one result."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    measured = content["versions"]
+    source = path.relative_to(ROOT).as_posix()
+    recorded = next((index for index, commit in enumerate(history) if source in commit.files), None)
+    if recorded is None:
+        when = later = "not known"
+    else:
+        when = f"{history[recorded].date}, `{history[recorded].name}`"
+        rooms = tuple(imported_rooms(path.stem))
+        count = sum(any(file.startswith(rooms) for file in commit.files) for commit in history[:recorded])
+        later = f"**stale: {count}**" if count > STALE else str(count)
+        later = later if rooms else "not known"
+    if measured.get("uncommitted_changes") is not False:
+        when += ", code not committed" if measured.get("uncommitted_changes") else ", commit not stated"
+    compared = content["compared"].replace("|", "\\|")
+    processor = measured.get("processor") or "not stated"
+    return f"| `{path.stem}` | {compared} | {when} | {processor} | {later} |"
+
+
+def imported_rooms(name: str) -> list[str]:
+    """Return the rooms of the product, as `objectfolder/vision/`, that the module of a result imports.
+
+    Modules of `bench` and `learning` are followed. What imports a whole package, or starts programs, may
+    use all of it.
+    """
+    place = MODULES.get(name)
+    own = ROOT.glob(f"{place}/*.py") if place else (ROOT / f"bench/{part}/{name}.py" for part in PARTS)
+    open_modules, seen, rooms = [path for path in own if path.exists()], set(), set()
+    while open_modules:
+        module = open_modules.pop()
+        if module in seen:
+            continue
+        seen.add(module)
+        for imported in imports(module):
+            package, *rest = imported.split(".")
+            if package in ("bench", "learning"):
+                open_modules += [path for path in modules_of(imported) if path.name != "record.py"]
+            if package == "subprocess":
+                rooms |= {"objectfolder/", "pipeline/"}
+            elif package in PACKAGES and rest:
+                path = ROOT / package / rest[0]
+                rooms.add(f"{package}/{rest[0]}/" if path.is_dir() else f"{package}/{rest[0]}.py")
+            elif package in PACKAGES:
+                rooms.add(f"{package}/")
+    return sorted(rooms)
+
+
+def imports(module: Path) -> set[str]:
+    """Return the dotted names that a module imports, anywhere in it; of `from a import b` also `a.b`."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            if node.module in PACKAGES or node.module.startswith(("bench", "learning")):
+                names |= {f"{node.module}.{alias.name}" for alias in node.names}
+            if node.module not in PACKAGES:
+                names.add(node.module)
+    return names
+
+
+def modules_of(name: str) -> list[Path]:
+    """Return the file of a dotted name of this repository; none where the name is within a module."""
+    path = ROOT.joinpath(*name.split("."))
+    return [file for file in (path.with_suffix(".py"), path / "__init__.py") if file.exists()]
+
+
+def commits() -> list[Commit]:
+    """Return the history, latest first, without merges; nothing where there is no git."""
+    command = ["git", "log", "--format=@%h %cs", "--name-only", "--", "bench/results", *PACKAGES]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return []
+    found = []
+    for part in done.stdout.split("@")[1:]:
+        heading, *names = part.split("\n")
+        name, _, date = heading.partition(" ")
+        found.append(Commit(name, date, frozenset(filter(None, names))))
+    return found
