@@ -14,9 +14,11 @@ from urllib.parse import unquote, urldefrag, urlsplit
 
 import html5lib
 import markdown
+import numpy as np
 import pytest
 from cyclopts import CycloptsError
 
+import objectfolder
 from pipeline.cli import application
 
 pytest_plugins = ["tests.browser"]
@@ -103,6 +105,25 @@ def test_names_that_pages_import_exist():
                     imported += 1
                     assert alias.name in dir(module), f"{page}: {node.module}.{alias.name}"
     assert imported > 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["guide.md", "ask.md"])
+def test_python_of_a_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for path in ("mug.safetensors", "data/object_files/mug.safetensors"):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        objectfolder.example("mug").save(path)
+    for page, block in blocks("python"):
+        if page == name:
+            exec(compile(block.replace("resolution=256", "resolution=32"), page, "exec"), names)
+    answers = {name: answer for name, answer in names.items() if isinstance(answer, np.ndarray)}
+    assert answers["images"].shape == (4, 32, 32, 3)
+    assert np.ptp(answers["images"]) > 100
+    assert np.shape(names["sounds"]) == (4, 88200)
+    assert np.abs(names["sounds"]).max() > 0
+    assert names.get("touches", names.get("touch")).depth_m.max() > 0
 
 
 @pytest.mark.slow
