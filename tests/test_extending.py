@@ -198,7 +198,7 @@ def test_a_broken_package_is_named_where_it_is_used_and_nowhere_else(
     assert main(["export", str(MUG), "--format", "broken", "-o", str(tmp_path / "none")]) == 1
     assert "plugin 'broken' of lab-broken 1.0: cannot be imported" in capsys.readouterr().err
     assert source_named("ycb").id == "ycb"
-    assert Resolutions(["google_64k"]).asked("ycb:a").resolution == "google_64k"
+    assert Resolutions(["google_64k"]).source_object("ycb:a").resolution == "google_64k"
     assert read_sensor("digit").name == "DIGIT"
     known = "digit, digit-tacto, gelsight, gelsight-fots, gelsight-mini"
     with pytest.raises(InputError, match=f"Known: {known}, broken"):

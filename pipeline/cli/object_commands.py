@@ -36,7 +36,7 @@ ANY_FIT = FittingOfSound()
 
 
 def build(
-    wanted: Annotated[Building, Fields],
+    request: Annotated[Building, Fields],
     *,
     output: Output,
     overwrite: Overwrite = False,
@@ -59,7 +59,7 @@ def build(
 
     check_new_file(output, overwrite=overwrite)
     with on_interrupt(RESUMED):
-        built = build_object_file(wanted, output, None if yes else confirm_size)
+        built = build_object_file(request, output, None if yes else confirm_size)
     if json:
         figures = {
             "file": str(output),
@@ -131,7 +131,7 @@ def render(
     file: ObjectFilePath,
     /,
     *,
-    wanted: Annotated[Rendering, Fields] = ANY_VIEWS,
+    request: Annotated[Rendering, Fields] = ANY_VIEWS,
     output: Output,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -146,7 +146,7 @@ def render(
     with answers_folder(output, overwrite=overwrite), status_line(f"rendering {file}"):
         from pipeline.publish.queries.answers import render_views
 
-        summary = render_views(file, wanted, output)
+        summary = render_views(file, request, output)
     print_result(summary, json=json)
 
 
@@ -154,7 +154,7 @@ def strike(
     file: ObjectFilePath,
     /,
     *,
-    wanted: Annotated[Striking, Fields] = ANY_STRIKES,
+    request: Annotated[Striking, Fields] = ANY_STRIKES,
     pulse_s: Annotated[float | None, Parameter(group=one_pulse)] = None,
     beater: Annotated[Beater | None, Parameter(group=one_pulse)] = None,
     striker: Annotated[tuple[str, float, float] | None, Parameter(group=one_pulse)] = None,
@@ -179,7 +179,7 @@ def strike(
     with answers_folder(output, overwrite=overwrite), status_line(f"striking {file}"):
         from pipeline.publish.queries.answers import strike_points
 
-        summary = strike_points(file, wanted, output, pulse_s, striker or beater)
+        summary = strike_points(file, request, output, pulse_s, striker or beater)
     print_result(summary, json=json)
 
 
@@ -187,7 +187,7 @@ def press(
     file: ObjectFilePath,
     /,
     *,
-    wanted: Annotated[Pressing, Fields] = ANY_PRESSES,
+    request: Annotated[Pressing, Fields] = ANY_PRESSES,
     depth_m: Annotated[float | None, Parameter(group=one_goal)] = None,
     force_n: Annotated[float | None, Parameter(group=one_goal)] = None,
     output: Output,
@@ -208,12 +208,12 @@ def press(
     with answers_folder(output, overwrite=overwrite), status_line(f"pressing {file}"):
         from pipeline.publish.queries.answers import press_points
 
-        summary = press_points(file, wanted, output, depth_m, force_n)
+        summary = press_points(file, request, output, depth_m, force_n)
     print_result(summary, json=json)
 
 
 def modes(
-    mesh: MeshOrFile, /, *, wanted: Annotated[ModesOfMesh, Fields] = ANY_MODES, json: Json = False
+    mesh: MeshOrFile, /, *, request: Annotated[ModesOfMesh, Fields] = ANY_MODES, json: Json = False
 ) -> int:
     """Solve the modes of a mesh, or list those of an Object File: frequencies, dampings, error estimate.
 
@@ -222,14 +222,14 @@ def modes(
     with on_interrupt(REPEATED), status_line(f"solving the modes of {mesh}"):
         from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
 
-        result = solve_modes(mesh, wanted)
+        result = solve_modes(mesh, request)
     print(json_text.dumps(result) if json else modes_table(result))
     return FAILED if result.get("accuracy_reached") is False else FINE
 
 
 def fit_sound(
     *files: Annotated[Path, Parameter(help="recordings of strikes (WAV), then the mesh of the object")],
-    wanted: Annotated[FittingOfSound, Fields] = ANY_FIT,
+    request: Annotated[FittingOfSound, Fields] = ANY_FIT,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     overwrite: Overwrite = False,
     json: Json = False,
@@ -246,7 +246,7 @@ def fit_sound(
     with on_interrupt(REPEATED), status_line("reading recordings") as show:
         from pipeline.publish.queries.sound_fit import fit_lines, fit_sounds, write_row
 
-        result = fit_sounds(files, wanted, show)
+        result = fit_sounds(files, request, show)
     if output is not None:
         write_row(output, result["material"])
     print(json_text.dumps(result) if json else fit_lines(result))

@@ -54,9 +54,9 @@ def answers_folder(path: Path, *, overwrite: bool) -> Iterator[None]:
     if path.exists() and not path.is_dir():
         raise InputError(str(path), "is a file", "Name a folder that does not exist yet.")
     before = {file: file.stat().st_mtime_ns for file in path.iterdir()} if path.is_dir() else {}
-    other = [file.name for file in before if not ANSWER.fullmatch(file.name)]
-    if other:
-        raise InputError(str(path), f"holds {min(other)}, which no query wrote", "Name another folder.")
+    foreign = [file.name for file in before if not ANSWER.fullmatch(file.name)]
+    if foreign:
+        raise InputError(str(path), f"holds {min(foreign)}, which no query wrote", "Name another folder.")
     if before and not overwrite:
         raise InputError(
             str(path), "holds answers of another run", "Name another folder, or give --overwrite."

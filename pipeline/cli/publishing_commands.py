@@ -76,8 +76,8 @@ def get(
 
     if list_ids:
         with single_objects.opened(repository, remote) as published:
-            known = sorted(published.products(single_objects.OBJECT_FILES))
-        print(json_text.dumps(known) if json else "\n".join(known))
+            listing = sorted(published.products(single_objects.OBJECT_FILES))
+        print(json_text.dumps(listing) if json else "\n".join(listing))
         return FINE
     figures: list[dict[str, str | int]] = []
     outcomes, arrived = [], [0]
@@ -109,7 +109,7 @@ def get(
 
 def export(
     *objects: Annotated[str, Parameter(name="OBJECT")],
-    wanted: Annotated[Exporting, Fields],
+    request: Annotated[Exporting, Fields],
     output: Output,
     root: Root = Path("."),
     json: Json = False,
@@ -127,14 +127,14 @@ def export(
     with status_line(f"exporting {', '.join(objects) or 'all objects'}"):
         from pipeline.publish.export.formats import OF_SIMULATORS, known_formats, write_exports
 
-        if wanted.format not in (known := known_formats()):
-            there = ", ".join(f'"{name}"' for name in known)
-            raise CycloptsError(msg=f'--format: "{wanted.format}" is unknown. Use one of {there}.')
-        if wanted.format not in OF_SIMULATORS and len(objects) != 1:
-            finding = f"names {len(objects) or 'no'} objects, and --format {wanted.format} takes one"
+        if request.format not in (formats := known_formats()):
+            choices = ", ".join(f'"{name}"' for name in formats)
+            raise CycloptsError(msg=f'--format: "{request.format}" is unknown. Use one of {choices}.')
+        if request.format not in OF_SIMULATORS and len(objects) != 1:
+            finding = f"names {len(objects) or 'no'} objects, and --format {request.format} takes one"
             raise UsageError("export", finding, "Name one object.")
         figures = []
-        for summary in write_exports(objects, root, wanted, output):
+        for summary in write_exports(objects, root, request, output):
             figures.append(summary.as_json())
             if not json:
                 print(summary, flush=True)
@@ -174,14 +174,14 @@ def scene(
         texels a side, where colours are those of an Object File
     """
     check_new_file(output, overwrite=overwrite)
-    wanted = Exporting(
+    request = Exporting(
         format="all", seed=seed, most_parts=most_parts, texture_side=texture_side, overwrite=overwrite
     )
     with status_line(f"composing a scene: {', '.join(objects) or 'all objects'}"):
         from pipeline.publish.export.assets import all_objects, compose_scene
 
-        named = objects or all_objects(root)
-        summary = compose_scene(named, root, wanted, output, table_m=table_m, height_m=height_m)
+        names = objects or all_objects(root)
+        summary = compose_scene(names, root, request, output, table_m=table_m, height_m=height_m)
     print_result(summary, json=json)
 
 

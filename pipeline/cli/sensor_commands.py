@@ -46,18 +46,18 @@ def calibrate(
     from pipeline.intake.sensor_photographs import calibration_json, calibration_text, read_photographs
 
     check_new_file(output, overwrite=overwrite)
-    found = read_photographs(photographs, untouched)
-    for fault in () if json else found.faults:
+    shots = read_photographs(photographs, untouched)
+    for fault in () if json else shots.faults:
         print(fault)
-    base = read_sensor(sensor).at_resolution(*found.untouched.shape[:2])
+    base = read_sensor(sensor).at_resolution(*shots.untouched.shape[:2])
     if pixels_per_mm is not None:
         base = at_magnification(base, pixels_per_mm * 1e3)
     with status_line("calibrating"):
-        answer = calibrated(found.pictures, found.untouched, base, ball / 2e3)
-    text = calibration_text(answer, found.names)
-    print(calibration_json(answer, found) if json else text)
-    mine = replace(answer.sensor, name=output.stem)
-    write_sensor(output, mine, f"Calibrated by a ball of {ball:g} mm, otherwise as {sensor}.\n{text}")
+        answer = calibrated(shots.pictures, shots.untouched, base, ball / 2e3)
+    text = calibration_text(answer, shots.names)
+    print(calibration_json(answer, shots) if json else text)
+    own_sensor = replace(answer.sensor, name=output.stem)
+    write_sensor(output, own_sensor, f"Calibrated by a ball of {ball:g} mm, otherwise as {sensor}.\n{text}")
     if not json:
         print(f"{output}, {output.with_suffix('.npy').name}")
     return FINE

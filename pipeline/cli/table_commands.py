@@ -21,7 +21,7 @@ from pipeline.cli.printing import (
 )
 from pipeline.cli.usage import UsageError
 from pipeline.dataset.project_files import MATERIALS
-from pipeline.intake.add.wanted import Wanted
+from pipeline.intake.add.add_request import AddRequest
 from pipeline.intake.sources.fetch_request import Fetching
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ Several = Parameter(consume_multiple=True)
 
 
 def add(
-    wanted: Annotated[Wanted, Fields],
+    request: Annotated[AddRequest, Fields],
     *,
     table: Path = Path("data/my_objects.csv"),
     replace: bool = False,
@@ -66,8 +66,8 @@ def add(
     if preview and not no_preview:
         check_new_file(preview, overwrite=overwrite)
     with contextlib.ExitStack() as files:
-        with status_line(f"checking {wanted.mesh}"):
-            checked = files.enter_context(checked_object(wanted))
+        with status_line(f"checking {request.mesh}"):
+            checked = files.enter_context(checked_object(request))
         lines, figures = lines_about(checked), checked.figures()
         if not json:
             print("\n".join(lines))
@@ -124,14 +124,14 @@ def check(
     from pipeline.intake.check.table_check import as_json, check_table, text
 
     with status_line(f"checking {table}") as show:
-        found = check_table(
+        report = check_table(
             table,
             materials,
             with_meshes=not no_meshes,
             progress=lambda done, rows, object_id: show(f"{done} of {rows}  {object_id}"),
         )
-    print(as_json(found, table) if json else text(found, table, terminal_width(120)))
-    failing = found.count(ERROR) + (found.count(WARNING) if strict else 0)
+    print(as_json(report, table) if json else text(report, table, terminal_width(120)))
+    failing = report.count(ERROR) + (report.count(WARNING) if strict else 0)
     return FAILED if failing else FINE
 
 
@@ -142,7 +142,7 @@ def fetch(
     list_source: Annotated[str | None, Parameter(name="--list")] = None,
     dry_run: bool = False,
     resolution: tuple[str, ...] = (),
-    wanted: Annotated[Fetching, Fields] = AS_USUAL,
+    request: Annotated[Fetching, Fields] = AS_USUAL,
     json: Json = False,
 ) -> int:
     """Fetch objects of published collections (YCB, Google Scanned Objects, Poly Haven), checked.
@@ -174,7 +174,7 @@ def fetch(
     where = table or Path("data/objects.csv")
     resolutions = Resolutions(resolution)
     with on_interrupt(RESUMED), status_line("fetching") as show:
-        fetcher = wanted.fetcher(where, lambda url, count, total: show(_progress(url, count, total)))
+        fetcher = request.fetcher(where, lambda url, count, total: show(_progress(url, count, total)))
         if list_source:
             source = source_named(list_source)
             names = [source.source_id(name) for name in fetcher.names(source)]
@@ -208,7 +208,7 @@ def _fetch(
         if not json:
             print(f"{count}{lines_of(outcome)}", flush=True)
     if json:
-        print(json_text.dumps([one.figures() for one in fetched], indent=1))
+        print(json_text.dumps([entry.figures() for entry in fetched], indent=1))
     elif rows_and_count := summary(fetched, table, rows, len(ids)):
         print(rows_and_count)
     if failed and len(ids) > 1:
@@ -225,7 +225,7 @@ def _list_missing(
     figures: list[dict[str, str | int | None]] = []
     for source_id in ids:
         try:
-            missing = fetcher.missing(resolutions.asked(source_id))
+            missing = fetcher.missing(resolutions.source_object(source_id))
         except ObjectFolderError as error:
             failed += 1
             print_error(error)

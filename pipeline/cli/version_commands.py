@@ -64,21 +64,21 @@ def audit(
             status_line(f"comparing {old} with {new or 'the work tree'}"),
         ):
             before, after = (read_version(contents, stages, revision) for revision in (old, new))
-            found = Comparison(contents, before, after, stages, arrays).audit()
+            result = Comparison(contents, before, after, stages, arrays).audit()
     finally:
         gc.enable()
-    too_much = exceeded(found.fidelity, allowed)
+    too_much = exceeded(result.fidelity, allowed)
     if html:
-        write_page(found, html, too_much, allowed)
+        write_page(result, html, too_much, allowed)
     if json:
-        more = {"stages": totals(found), "max_loss": allowed, "exceeded": too_much}
-        print(as_json(vars(found) | more))
+        more = {"stages": totals(result), "max_loss": allowed, "exceeded": too_much}
+        print(as_json(vars(result) | more))
     else:
-        print(audit_text(found, too_much, allowed, terminal_width()))
-    if found.problems:
+        print(audit_text(result, too_much, allowed, terminal_width()))
+    if result.problems:
         print_error(
-            f"not all could be compared ({len(found.problems)} could not be read), so more may have changed; "
-            "limits were judged by what was read and by the committed figures."
+            f"not all could be compared ({len(result.problems)} could not be read), so more may have changed; limits "
+            "were judged by what was read and by the committed figures."
         )
         return FAILED
     return FAILED if too_much else FINE
@@ -119,7 +119,7 @@ def verify(
     stages = tuple(STAGES.values())
     with Contents(root) as contents, status_line("reading files") as show:
         version = read_version(contents, stages, revision)
-        found = verified(
+        result = verified(
             contents,
             version,
             stages,
@@ -134,11 +134,11 @@ def verify(
             started=lambda stage, object_id: show(f"making {stage} {object_id} again"),
         )
     if json:
-        print(as_json(vars(found) | {"remade": remade}))
+        print(as_json(vars(result) | {"remade": remade}))
     else:
-        print(verified_text(found, remade, version.label, terminal_width()))
-    wrong = found.findings or any(one.verdict in (DIFFERENT, NOT_MADE) for one in remade)
-    return FAILED if wrong else FINE
+        print(verified_text(result, remade, version.label, terminal_width()))
+    faulty = result.findings or any(product.verdict in (DIFFERENT, NOT_MADE) for product in remade)
+    return FAILED if faulty else FINE
 
 
 def history(
@@ -165,9 +165,9 @@ def history(
     from pipeline.dataset.stages import STAGES
 
     with Contents(root, remote) as contents, status_line(f"reading versions of {object_}"):
-        found, unreadable = versions_of(contents, object_, tuple(STAGES.values()), rev)
+        versions, unreadable = versions_of(contents, object_, tuple(STAGES.values()), rev)
     if json:
         commits = [{"commit": commit, "error": error} for commit, error in unreadable]
-        print(as_json({"object_id": object_, "versions": found, "unreadable": commits}))
+        print(as_json({"object_id": object_, "versions": versions, "unreadable": commits}))
     else:
-        print(history_text(object_, found, unreadable, terminal_width()))
+        print(history_text(object_, versions, unreadable, terminal_width()))

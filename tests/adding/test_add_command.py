@@ -18,7 +18,7 @@ from objectfolder.catalogue import read_catalogue
 from pipeline.cli import main
 from pipeline.dataset.records import row_of
 from pipeline.intake.add import addition
-from pipeline.intake.add.addition import Wanted, check_object, put_object
+from pipeline.intake.add.addition import AddRequest, check_object, put_object
 from pipeline.intake.add.table_rows import read_table
 
 REPOSITORY = Path(__file__).parents[2]
@@ -47,8 +47,8 @@ def records(table: Path) -> dict:
     return {record.id: record for record in catalogue.records}
 
 
-def wanted(mesh: Path, **more: object) -> Wanted:
-    return Wanted(mesh=mesh, material="ceramic", licence="CC0-1.0", materials=MATERIALS, **more)
+def request_of(mesh: Path, **more: object) -> AddRequest:
+    return AddRequest(mesh=mesh, material="ceramic", licence="CC0-1.0", materials=MATERIALS, **more)
 
 
 def test_an_axis_that_is_up_stands_in_the_row(tmp_path, capsys):
@@ -188,7 +188,7 @@ STEPS = ("locked", "copy_files", "write_table", "_remove_unused")
 
 
 def killed_before(step: str, mesh: Path, table: Path, replace: bool) -> None:
-    checked = check_object(wanted(mesh))
+    checked = check_object(request_of(mesh))
     setattr(addition, step, lambda *_: os.kill(os.getpid(), signal.SIGKILL))
     put_object(checked, table, replace=replace)
     sys.exit(7)
@@ -200,7 +200,7 @@ def test_a_kill_leaves_no_row_without_its_files(tmp_path, step, replace):
     table = tmp_path / "t.csv"
     first = cup(tmp_path / "a" / "cup.stl")
     if replace:
-        put_object(check_object(wanted(first)), table, replace=False)
+        put_object(check_object(request_of(first)), table, replace=False)
     mesh = cup(tmp_path / "b" / "cup.stl", wall=0.005)
     process = multiprocessing.get_context("fork").Process(
         target=killed_before, args=(step, mesh, table, replace)
@@ -213,7 +213,7 @@ def test_a_kill_leaves_no_row_without_its_files(tmp_path, step, replace):
         assert content == (mesh if step == "_remove_unused" else first).read_bytes()
     else:
         assert not replace
-    put_object(check_object(wanted(mesh)), table, replace=True)
+    put_object(check_object(request_of(mesh)), table, replace=True)
     assert records(table)["cup"].mesh.read_bytes() == mesh.read_bytes()
 
 
@@ -225,7 +225,7 @@ def test_a_silent_object_of_a_known_mass(tmp_path):
 
 
 def put(mesh: Path, table: Path) -> None:
-    put_object(check_object(wanted(mesh)), table, replace=False)
+    put_object(check_object(request_of(mesh)), table, replace=False)
 
 
 def test_objects_added_at_the_same_time_are_all_there(tmp_path):
@@ -248,7 +248,7 @@ def test_a_folder_in_the_way_is_left(tmp_path):
     mesh, table = cup(tmp_path / "cup.stl"), tmp_path / "t.csv"
     (tmp_path / "t" / "cup").mkdir(parents=True)
     (tmp_path / "t" / "cup" / "precious.txt").write_text("mine")
-    added = put_object(check_object(wanted(mesh)), table, replace=False)
+    added = put_object(check_object(request_of(mesh)), table, replace=False)
     assert added.folder.name.startswith("cup-")
     assert (tmp_path / "t" / "cup" / "precious.txt").read_text() == "mine"
     assert records(table)["cup"].mesh.read_bytes() == mesh.read_bytes()

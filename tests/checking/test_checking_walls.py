@@ -81,7 +81,7 @@ def test_ordinary_cells_are_read():
 
 
 def doubt(row, severity=WARNING, rule="mass"):
-    return row.found(rule, severity, "mass_kg", "9 times the published", "State shell_m")
+    return row.finding(rule, severity, "mass_kg", "9 times the published", "State shell_m")
 
 
 def test_a_doubt_that_was_looked_at_is_a_note():

@@ -53,7 +53,7 @@ class Place:
 
     def fetch(self, source_id: str, resolution: str | None = None, **options: bool):
         resolutions = Resolutions([resolution] if resolution else [])
-        return self.fetcher(**options).fetch(resolutions.asked(source_id))
+        return self.fetcher(**options).fetch(resolutions.source_object(source_id))
 
     def targets(self) -> list[str]:
         """Requests since the last call."""
@@ -119,7 +119,7 @@ def test_what_is_there_is_not_fetched_again(place, source_id):
     got = place.fetch(source_id)
     assert (got.outcome, got.recorded) == (KEPT, 0)
     assert place.targets() == []
-    assert place.fetcher().missing(got.asked) == []
+    assert place.fetcher().missing(got.source_object) == []
 
 
 @pytest.mark.parametrize("source_id", IDS)
@@ -291,7 +291,7 @@ def test_unknown_resolutions_are_refused_with_those_there_are(place):
 def test_lists_are_read_to_their_end(place):
     for number in range(4):
         place.sources.add_gso(f"Bar_{number}")
-    source = Resolutions().asked(IDS[1]).source
+    source = Resolutions().source_object(IDS[1]).source
     fetcher = place.fetcher()
     place.targets()
     assert fetcher.names(source) == ["Bar_0", "Bar_1", "Bar_2", "Bar_3", GSO]
@@ -303,7 +303,7 @@ def test_lists_are_read_to_their_end(place):
 def test_a_list_whose_last_page_repeats_ends(place):
     pages = place.sources.server.documents
     pages["/gso/models?page=2&per_page=100"] = pages["/gso/models?page=1&per_page=100"]
-    assert place.fetcher().names(Resolutions().asked(IDS[1]).source) == [GSO]
+    assert place.fetcher().names(Resolutions().source_object(IDS[1]).source) == [GSO]
 
 
 @pytest.mark.parametrize(
@@ -317,7 +317,7 @@ def test_lists_that_are_none_are_refused(place, answer):
     }
     for source_id in IDS:
         with pytest.raises(FormatError):
-            place.fetcher().names(Resolutions().asked(source_id).source)
+            place.fetcher().names(Resolutions().source_object(source_id).source)
 
 
 HOSTILE = {

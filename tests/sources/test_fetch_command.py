@@ -229,7 +229,7 @@ def test_the_papers_table_names_what_its_sources_lay_out():
     _, rows = read_rows(REPOSITORY / "data" / "objects.csv")
     assert len(rows) == 100
     for _, row in rows:
-        asked = Resolutions().asked(row["source_id"])
+        asked = Resolutions().source_object(row["source_id"])
         folder = f"fetched/{asked.source.id}/{asked.name}/"
         expected = {
             "ycb": (f"{folder}google_16k/textured.obj", f"{folder}google_16k/texture_map.png"),

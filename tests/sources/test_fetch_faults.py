@@ -29,7 +29,7 @@ def run_once(tmp_path: Path, seed: int) -> str:
     sources.server.plan = at_random(seed, rate=chance.choice((0.2, 0.5, 0.9)))
     sources.server.seed = seed
     hashes, fetched = tmp_path / "source_hashes.csv", tmp_path / "fetched"
-    asked = Resolutions().asked(source_id)
+    asked = Resolutions().source_object(source_id)
     target = asked.folder(fetched)
     with sources.server.listening() as base:
         downloader = sources.downloader(base, tmp_path / "cache", **HURRIED)
@@ -69,7 +69,7 @@ def test_faulty_runs_end_complete_or_with_what_to_do(tmp_path, seeds):
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_fault_of_each_kind_once_is_got_over_or_told(tmp_path, kind):
     sources = ServedSources(tmp_path / "served").add_all()
-    asked = Resolutions().asked(IDS[1])
+    asked = Resolutions().source_object(IDS[1])
     left = [kind]
     sources.server.plan = lambda path: left.pop() if left and path.endswith(".zip") else ""
     with sources.server.listening() as base:

@@ -68,7 +68,7 @@ def fetched_samples(served_samples: ServedSources, place: Path) -> Iterator[dict
         fetcher = Fetcher(
             place / "data" / "fetched", served_samples.downloader(base, place / "cache"), hashes
         )
-        yield {source_id: fetcher.fetch(Resolutions().asked(source_id)) for source_id in SAMPLES}
+        yield {source_id: fetcher.fetch(Resolutions().source_object(source_id)) for source_id in SAMPLES}
 
 
 @pytest.mark.parametrize("source_id", SAMPLES)

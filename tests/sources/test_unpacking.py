@@ -72,7 +72,7 @@ def test_only_what_is_wanted_of_a_folder(tmp_path, kind):
     target = tmp_path / "target"
     wanted = ["google_16k/textured.mtl"]
     archive = put(tmp_path, MAKERS[kind](members.items()))
-    assert unpack(archive, target, top="031_spoon", wanted=lambda name: name.endswith(".mtl")) == wanted
+    assert unpack(archive, target, top="031_spoon", selects=lambda name: name.endswith(".mtl")) == wanted
     assert tree(target) == {wanted[0]: LAYOUT[f"031_spoon/{wanted[0]}"]}
 
 
@@ -226,7 +226,7 @@ def test_a_member_too_many_is_refused_soon(tmp_path, kind, monkeypatch):
 )
 def test_what_is_not_wanted_is_refused_all_the_same(tmp_path, content, said):
     with pytest.raises(FormatError, match=said):
-        unpack(put(tmp_path, content), tmp_path / "target", wanted=lambda name: False)
+        unpack(put(tmp_path, content), tmp_path / "target", selects=lambda name: False)
     assert not tree(tmp_path / "target")
 
 

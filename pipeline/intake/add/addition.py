@@ -19,6 +19,7 @@ from objectfolder.mesh.walls import WallFinding, WallMeasures
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
+from pipeline.intake.add.add_request import AddRequest
 from pipeline.intake.add.source_copy import (
     Layout,
     copy_files,
@@ -29,7 +30,6 @@ from pipeline.intake.add.source_copy import (
     words_of,
 )
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
-from pipeline.intake.add.wanted import Wanted
 from pipeline.intake.check.spdx import likely_spdx, spdx
 from pipeline.run.decimated_mesh import with_decimated_mesh
 from pipeline.run.doubtful_size import clean_mesh, size_doubts
@@ -115,21 +115,21 @@ class Added:
 
 
 @contextmanager
-def checked_object(wanted: Wanted) -> Iterator[Checked]:
+def checked_object(request: AddRequest) -> Iterator[Checked]:
     """Yield what `check_object` returns; the files of a decimated mesh are removed afterwards."""
-    if wanted.decimate is None:
-        yield check_object(wanted)
+    if request.decimate is None:
+        yield check_object(request)
         return
-    wanted.check()
-    material = find_material(read_materials(wanted.materials), wanted.material, "--material")
-    wanted = replace(wanted, object_id=wanted.object_id or object_id_of(wanted.mesh))
+    request.check()
+    material = find_material(read_materials(request.materials), request.material, "--material")
+    request = replace(request, object_id=request.object_id or object_id_of(request.mesh))
     with TemporaryDirectory(prefix="objectfolder-decimated-") as folder:
-        less, said = with_decimated_mesh(wanted, material, Path(folder))
-        checked = check_object(less)
-        yield replace(checked, warnings=(*said, *checked.warnings))
+        decimated, warnings = with_decimated_mesh(request, material, Path(folder))
+        checked = check_object(decimated)
+        yield replace(checked, warnings=(*warnings, *checked.warnings))
 
 
-def check_object(wanted: Wanted) -> Checked:
+def check_object(request: AddRequest) -> Checked:
     """Check all that can be checked without writing.
 
     Raises
@@ -137,61 +137,61 @@ def check_object(wanted: Wanted) -> Checked:
     InputError
         Anything that keeps the object from being made, with the option to give or the cell to correct.
     """
-    material = find_material(read_materials(wanted.materials), wanted.material, "--material")
-    licence = _licence(wanted.licence)
-    object_id = wanted.object_id or object_id_of(wanted.mesh)
+    material = find_material(read_materials(request.materials), request.material, "--material")
+    licence = _licence(request.licence)
+    object_id = request.object_id or object_id_of(request.mesh)
     check_id(object_id, "--id")
-    wanted.check()
-    where = f"{object_id} ({wanted.mesh})"
-    if wanted.length_m is None:
-        check_unit(where, float(clean_mesh(wanted).extents.max()))
+    request.check()
+    where = f"{object_id} ({request.mesh})"
+    if request.length_m is None:
+        check_unit(where, float(clean_mesh(request).extents.max()))
     product = ingest_object(
-        wanted.mesh,
-        texture_path=wanted.texture,
-        length_m=wanted.length_m,
+        request.mesh,
+        texture_path=request.texture,
+        length_m=request.length_m,
         object_id=object_id,
-        up=wanted.up,
+        up=request.up,
     )
-    if not wanted.attribution and licence not in WITHOUT_NAMING:
+    if not request.attribution and licence not in WITHOUT_NAMING:
         finding = f"{licence} asks for the author to be named"
         raise InputError("--attribution", finding, "Name whom to thank")
     mesh = textured_mesh_of(product)
-    if wanted.shell_m is not None:
-        hollow(mesh.surface, wanted.shell_m, where)
-    if wanted.wall_m is not None:
-        thicken(mesh.surface, wanted.wall_m, where)
+    if request.shell_m is not None:
+        hollow(mesh.surface, request.shell_m, where)
+    if request.wall_m is not None:
+        thicken(mesh.surface, request.wall_m, where)
     walls = WallMeasures(**product.attributes["walls"])
-    warnings, findings = wanted.findings(product.attributes, material)
-    if doubts := size_doubts(mesh, wanted, material):
-        warnings.append(f"{'; '.join(doubts)}: is that meant?{_units(mesh, wanted)}")
-    row = _row(wanted, object_id, material.name, licence)
-    layout = layout_of(wanted.mesh, wanted.texture)
+    warnings, findings = request.findings(product.attributes, material)
+    if doubts := size_doubts(mesh, request, material):
+        warnings.append(f"{'; '.join(doubts)}: is that meant?{_units(mesh, request)}")
+    row = _row(request, object_id, material.name, licence)
+    layout = layout_of(request.mesh, request.texture)
     return Checked(object_id, row, layout, product, material, walls, findings, tuple(warnings))
 
 
-def _units(mesh: TexturedMesh, wanted: Wanted) -> str:
+def _units(mesh: TexturedMesh, request: AddRequest) -> str:
     """Say what to state where the file is in another unit than metres; nothing where a length is stated."""
-    if wanted.length_m is not None:
+    if request.length_m is not None:
         return ""
     lengths = possible_lengths(float(mesh.extents.max())).items()
     return "".join(f" If it is in {name}: --length {length:.6g}." for name, length in lengths)
 
 
-def _row(wanted: Wanted, object_id: str, material: str, licence: str) -> dict[str, str]:
+def _row(request: AddRequest, object_id: str, material: str, licence: str) -> dict[str, str]:
     """Return the cells by column; InputError for one that no table can show."""
     row = {
         "id": object_id,
-        "name": wanted.name or words_of(object_id),
+        "name": request.name or words_of(object_id),
         "material": material,
-        "length_m": AS_IN_FILE if wanted.length_m is None else repr(wanted.length_m),
-        "source": wanted.source,
+        "length_m": AS_IN_FILE if request.length_m is None else repr(request.length_m),
+        "source": request.source,
         "licence": licence,
-        "attribution": wanted.attribution or "",
-        "up": wanted.up or "",
-        "senses": " ".join(wanted.senses) if wanted.silent else "",
+        "attribution": request.attribution or "",
+        "up": request.up or "",
+        "senses": " ".join(request.senses) if request.silent else "",
     }
     for column in ("roughness", "metallic", "wall_m", "shell_m", "mass_kg"):
-        value = getattr(wanted, column)
+        value = getattr(request, column)
         row[column] = "" if value is None else repr(value)
     for column, text in row.items():
         if not text.isprintable():
@@ -215,8 +215,11 @@ def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
     with locked(table_path):
         table = read_table(table_path)
         index, old = table.row_of(checked.object_id) or (None, {})
-        same = next((one for one in folders if one.is_dir() and folder_digest(one) == digest), None)
-        folder = same or next((one for one in folders if not one.exists()), None)
+        same = next(
+            (candidate for candidate in folders if candidate.is_dir() and folder_digest(candidate) == digest),
+            None,
+        )
+        folder = same or next((candidate for candidate in folders if not candidate.exists()), None)
         if folder is None:
             raise InputError(str(folders[-1]), "is in the way", "Remove it")
         places = {"mesh": checked.layout.mesh, "texture": checked.layout.texture}
@@ -239,14 +242,14 @@ def put_object(checked: Checked, table_path: Path, *, replace: bool) -> Added:
     return Added(folder, True)
 
 
-def _licence(said: str) -> str:
-    if known := spdx(said):
-        return known
-    near = likely_spdx(said)
+def _licence(text: str) -> str:
+    if identifier := spdx(text):
+        return identifier
+    near = likely_spdx(text)
     hint = f"Did you mean {near}? " if near else ""
     raise InputError(
         "--licence",
-        f"{said!r} is no licence that SPDX knows",
+        f"{text!r} is no licence that SPDX knows",
         f"{hint}Use an identifier of https://spdx.org/licenses, such as CC-BY-4.0, or LicenseRef-NAME",
     )
 

@@ -79,8 +79,8 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
     """
     surface, back = mesh.surface, view.axes[2]
     hits = look(surface, view.axes, side, pixels * SAMPLES, 0.0 if view.cut else side)
-    seen = hits.face >= 0
-    faces, barycentric = hits.face[seen], hits.barycentric[seen]
+    visible = hits.face >= 0
+    faces, barycentric = hits.face[visible], hits.barycentric[visible]
     normals = surface.face_normals[faces]
     own = _texture(mesh, faces, barycentric)
     if tint is not None:
@@ -88,8 +88,8 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
     own = own * (0.45 + 0.55 * np.abs(normals @ view.axes.T @ LIGHT))[:, None]
     if view.cut:
         own[normals @ back < 0] = CUT
-    colours = np.ones((len(seen), 3))
-    colours[seen] = own
+    colours = np.ones((len(visible), 3))
+    colours[visible] = own
     image = colours.reshape(pixels, SAMPLES, pixels, SAMPLES, 3).mean(axis=(1, 3))
     return np.asarray(np.rint(255 * np.clip(image, 0, 1)), dtype=np.uint8)
 

@@ -138,10 +138,10 @@ def folder_digest(folder: Path) -> str:
     return digest_of({path.relative_to(folder): path for path in folder.rglob("*") if path.is_file()})
 
 
-def _free(wanted: Path, taken: dict[Path, Path]) -> Path:
-    names = {str(place).casefold() for place in taken}
-    place, number = wanted, 1
+def _free(path: Path, places: dict[Path, Path]) -> Path:
+    names = {str(place).casefold() for place in places}
+    place, number = path, 1
     while str(place).casefold() in names:
         number += 1
-        place = wanted.with_name(f"{wanted.stem}_{number}{wanted.suffix}")
+        place = path.with_name(f"{path.stem}_{number}{path.suffix}")
     return place

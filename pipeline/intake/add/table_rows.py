@@ -61,15 +61,15 @@ def read_table(path: Path) -> Table:
     if not path.exists():
         return Table((), ())
     records, cells = [], []
-    first = 0
+    start = 0
     try:
         lines = list(io.StringIO(path.read_bytes().decode("utf-8"), newline=""))
         # The mark stays in the text of the header, and is no part of the first column's name.
         reader = csv.reader((line.removeprefix(BYTE_ORDER_MARK) for line in lines), strict=True)
         for row in reader:
-            records.append("".join(lines[first : reader.line_num]))
+            records.append("".join(lines[start : reader.line_num]))
             cells.append(tuple(cell.strip() for cell in row))
-            first = reader.line_num
+            start = reader.line_num
     except (csv.Error, UnicodeDecodeError) as problem:
         finding = f"is not a CSV table in UTF-8 ({problem})"
         raise InputError(str(path), finding, "Export it again") from problem
@@ -97,14 +97,14 @@ def with_row(table: Table, row: Mapping[str, str], replaced: int | None = None) 
         head = records[0].rstrip("\r\n")
         records[0] = f"{head},{_written(added, end)}"
     columns = [*table.columns, *added]
-    kept: Mapping[str, str] = {}
+    old_cells: Mapping[str, str] = {}
     if replaced is None:
         records[-1] += "" if records[-1].endswith(("\n", "\r")) else end
         replaced = len(records)
         records.append("")
     else:
-        kept = dict(zip(table.columns, table.cells[replaced], strict=False))
-    values = [row[name] if name in row else kept.get(name, "") for name in columns]
+        old_cells = dict(zip(table.columns, table.cells[replaced], strict=False))
+    values = [row[name] if name in row else old_cells.get(name, "") for name in columns]
     records[replaced] = _written(values, end)
     return "".join(records)
 

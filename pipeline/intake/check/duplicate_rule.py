@@ -20,24 +20,26 @@ SHARED: tuple[tuple[str, str, Key], ...] = (
 
 def check(entries: Sequence[Entry]) -> Iterator[Finding]:
     """Find rows that share a source, a mesh, a surface or a texture; each once, at the later row."""
-    told: set[tuple[str, str]] = set()
+    id_pairs: set[tuple[str, str]] = set()
     pairs = [(what, column, pair) for what, column, key in SHARED for pair in _sharing(entries, key)] + [
         ("the cleaned surface", "mesh", pair) for pair in _alike(entries)
     ]
     for what, column, (first, second) in pairs:
-        if (first.object_id, second.object_id) in told:
+        if (first.object_id, second.object_id) in id_pairs:
             continue
-        told.add((first.object_id, second.object_id))
+        id_pairs.add((first.object_id, second.object_id))
         same = first.cell("material") == second.cell("material")
-        found = f"shares {what} with {first.object_id}" + (
+        finding = f"shares {what} with {first.object_id}" + (
             ", and the material" if same else f", which is of {first.cell('material')}"
         )
         remedy = "Remove one of them" if same else "Keep both only if both materials are meant"
-        yield second.found(RULE, ERROR if same else WARNING, column, found, remedy)
+        yield second.finding(RULE, ERROR if same else WARNING, column, finding, remedy)
     for first, second in _sharing(entries, lambda entry: entry.shape.texture_sha256 if entry.shape else None):
-        if (first.object_id, second.object_id) not in told:
-            found = f"shares the texture with {first.object_id}"
-            yield second.found(RULE, NOTE, "texture", found, "Right for pieces of one set; else correct it")
+        if (first.object_id, second.object_id) not in id_pairs:
+            finding = f"shares the texture with {first.object_id}"
+            yield second.finding(
+                RULE, NOTE, "texture", finding, "Right for pieces of one set; else correct it"
+            )
 
 
 def _sharing(entries: Sequence[Entry], key: Key) -> Iterator[tuple[Entry, Entry]]:
@@ -56,11 +58,11 @@ def _alike(entries: Sequence[Entry]) -> Iterator[tuple[Entry, Entry]]:
     for entry in entries:
         if entry.shape is None:
             continue
-        others = of_faces.setdefault(entry.shape.faces, [])
-        for first, shape in others:
+        candidates = of_faces.setdefault(entry.shape.faces, [])
+        for first, shape in candidates:
             pairs = zip(entry.shape.likeness, shape.likeness, strict=True)
-            if all(math.isclose(one, other, rel_tol=SAME) for one, other in pairs):
+            if all(math.isclose(*pair, rel_tol=SAME) for pair in pairs):
                 yield first, entry
                 break
         else:
-            others.append((entry, entry.shape))
+            candidates.append((entry, entry.shape))

@@ -143,17 +143,20 @@ class Entry:
     @property
     def source_in_words(self) -> Source | None:
         """The public source that the column `source` names."""
-        said = self.cell("source").lower()
-        return next((SOURCES[one] for one, names in NAMES.items() if any(n in said for n in names)), None)
+        text = self.cell("source").lower()
+        return next(
+            (SOURCES[source_id] for source_id, names in NAMES.items() if any(name in text for name in names)),
+            None,
+        )
 
     @property
     def is_unfetched(self) -> bool:
         """Whether all that is wrong is that the object's files are not fetched yet."""
         return self.problem is not None and self.problem.remedy.startswith("objectfolder fetch ")
 
-    def found(self, rule: str, severity: str, column: str, found: str, remedy: str) -> Finding:
+    def finding(self, rule: str, severity: str, column: str, finding: str, remedy: str) -> Finding:
         """Return a finding of this row."""
-        return Finding(severity, self.object_id, column, rule, found, remedy)
+        return Finding(severity, self.object_id, column, rule, finding, remedy)
 
 
 def measure(record: ObjectRecord) -> Shape:

@@ -34,13 +34,13 @@ def check_length(entry: Entry) -> Iterator[Finding]:
         yield from _against_mesh(entry, entry.shape, stated)
     length_m, papers = entry.shape.length_m, entry.number("paper_length_m")
     if papers is not None and not is_close(papers / length_m, 1):
-        found = (
+        finding = (
             f"{length_m:.4g} m, where the paper has {papers:.4g} m ({papers / length_m:.3g} times as long)"
         )
         severity, remedy = WARNING, "Say in the notes why"
         if entry.cell("notes"):
             severity, remedy = NOTE, "The notes should say why"
-        yield entry.found(LENGTH, severity, "paper_length_m", found, remedy)
+        yield entry.finding(LENGTH, severity, "paper_length_m", finding, remedy)
 
 
 def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding]:
@@ -49,22 +49,22 @@ def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding
     if is_close(factor, 1):
         return
     what = f"the stated {stated:.4g} m is {factor:.3g} times the longest side of the mesh, {side:.4g}"
-    for other, axis in sorted(zip(shape.file_extents, "xyz", strict=True), reverse=True)[1:]:
-        if is_close(stated / other, 1) and not is_close(side / other, 1):
-            found = f"{what}; it is the side along {axis} ({other:.4g})"
+    for extent, axis in sorted(zip(shape.file_extents, "xyz", strict=True), reverse=True)[1:]:
+        if is_close(stated / extent, 1) and not is_close(side / extent, 1):
+            finding = f"{what}; it is the side along {axis} ({extent:.4g})"
             remedy = f"Give the longest side ({side:.4g}), or 'as in file'"
-            yield entry.found(LENGTH, WARNING, "length_m", found, remedy)
+            yield entry.finding(LENGTH, WARNING, "length_m", finding, remedy)
             return
     # A mesh of one's own may be in any unit; those of all public sources are in metres.
     if entry.source is not None:
         severity = ERROR if not 1 / 3 <= factor <= 3 else WARNING
         remedy = f"Write {side:.4g}, or 'as in file'"
-        yield entry.found(LENGTH, severity, "length_m", f"{what}, which is in metres", remedy)
+        yield entry.finding(LENGTH, severity, "length_m", f"{what}, which is in metres", remedy)
 
 
-def is_close(ratio: float, one: float) -> bool:
-    """Whether a ratio is another one within what scans of one object differ by."""
-    return abs(ratio / one - 1) <= SAME
+def is_close(ratio: float, reference: float) -> bool:
+    """Whether a ratio equals a reference, within the difference of two scans of one object."""
+    return abs(ratio / reference - 1) <= SAME
 
 
 def check_mass(entry: Entry) -> Iterator[Finding]:
@@ -76,11 +76,11 @@ def check_mass(entry: Entry) -> Iterator[Finding]:
         yield from _against_published(entry, mass, published, entry.shape.length_m)
         return
     length_m = entry.shape.length_m
-    held = length_m <= HELD_M and mass > HELD_KG
-    if held or not LIGHTEST_KG <= mass <= HEAVIEST_KG:
-        found = f"density times volume is {kilograms(mass)} at a length of {length_m:.3g} m"
+    too_heavy = length_m <= HELD_M and mass > HELD_KG
+    if too_heavy or not LIGHTEST_KG <= mass <= HEAVIEST_KG:
+        finding = f"density times volume is {kilograms(mass)} at a length of {length_m:.3g} m"
         remedy = "If it is hollow, set shell_m; if not, check the length, its unit and the material"
-        yield entry.found(MASS, WARNING, SHELL if held else "length_m", found, remedy)
+        yield entry.finding(MASS, WARNING, SHELL if too_heavy else "length_m", finding, remedy)
 
 
 def mass_as_made(entry: Entry) -> float | None:
@@ -97,14 +97,18 @@ def _against_published(entry: Entry, mass: float, published: float, length_m: fl
     if material is None or 1 / DOUBTFUL_FACTOR <= factor <= DOUBTFUL_FACTOR:
         return
     fitting = material.density_kg_m3 / factor
-    near = [one.name for one in entry.materials.values() if 1 / NEAR <= fitting / one.density_kg_m3 <= NEAR]
-    found = (
+    near = [
+        candidate.name
+        for candidate in entry.materials.values()
+        if 1 / NEAR <= fitting / candidate.density_kg_m3 <= NEAR
+    ]
+    finding = (
         f"density times volume is {kilograms(mass)}, {factor:.2g} times the "
         f"published {kilograms(published)}; {material.name} has {material.density_kg_m3:.0f} kg/m3, "
         f"{fitting:.0f} would fit"
     )
     if near:
-        found += f", near {' and '.join(near)}"
+        finding += f", near {' and '.join(near)}"
     if factor > 1:
         remedy = "It is hollow or scanned too thick (shell_m), or not of this material"
     else:
@@ -113,7 +117,7 @@ def _against_published(entry: Entry, mass: float, published: float, length_m: fl
     if absurd:
         fitting_m = length_m / factor ** (1 / 3)
         remedy += f"; a length of {fitting_m:.3g} m instead of {length_m:.3g} m would explain it"
-    yield entry.found(MASS, ERROR if absurd else WARNING, "mass_kg", found, remedy)
+    yield entry.finding(MASS, ERROR if absurd else WARNING, "mass_kg", finding, remedy)
 
 
 def kilograms(mass_kg: float) -> str:
@@ -127,38 +131,38 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
         return
     topology, cleaning = entry.shape.topology, entry.shape.cleaning
     if cleaning is not None and cleaning.nested_solids:
-        yield entry.found(SURFACE, WARNING, "mesh", cleaning.nested_finding(), NESTED_REMEDY)
+        yield entry.finding(SURFACE, WARNING, "mesh", cleaning.nested_finding(), NESTED_REMEDY)
     if cleaning is not None and cleaning.doubled_faces_dropped:
-        found = f"{cleaning.doubled_faces_dropped} faces lie back to back with others and are left out"
-        yield entry.found(SURFACE, NOTE, "mesh", found, "Export one layer of faces")
+        finding = f"{cleaning.doubled_faces_dropped} faces lie back to back with others and are left out"
+        yield entry.finding(SURFACE, NOTE, "mesh", finding, "Export one layer of faces")
     if entry.shape.walls.closed:
         return
     if entry.shape.walls.cracked:
-        found = f"the surface is closed but for cracks ({topology.boundary_edges} boundary edges)"
-        yield entry.found(SURFACE, NOTE, "mesh", found, "Join its parts in an editor for an exact volume")
+        finding = f"the surface is closed but for cracks ({topology.boundary_edges} boundary edges)"
+        yield entry.finding(SURFACE, NOTE, "mesh", finding, "Join its parts in an editor for an exact volume")
         return
     if topology.boundary_edges or topology.non_manifold_edges:
-        found = (
+        finding = (
             f"the surface is not closed: {topology.boundary_edges} boundary and "
             f"{topology.non_manifold_edges} non-manifold edges, {topology.components} pieces"
         )
     else:
-        found = "the surface is closed but wound inconsistently, or bounds no positive volume"
+        finding = "the surface is closed but wound inconsistently, or bounds no positive volume"
     remedy = "Close it in an editor, or take its mass as that of the space that it mostly encloses"
-    yield entry.found(SURFACE, WARNING, "mesh", found, remedy)
+    yield entry.finding(SURFACE, WARNING, "mesh", finding, remedy)
 
 
 def check_looks(entry: Entry) -> Iterator[Finding]:
     """Find what a reader took otherwise than the file says it."""
     for remark in entry.shape.remarks if entry.shape else ():
-        yield entry.found(LOOKS, WARNING, "mesh", remark, "Look at the picture that `add` draws")
+        yield entry.finding(LOOKS, WARNING, "mesh", remark, "Look at the picture that `add` draws")
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:
     """Find what `objectfolder.mesh.walls` finds; masses are left to the rule `mass`."""
     if entry.shape is None or entry.record is None or entry.material is None:
         return
-    for one in wall_findings(
+    for wall in wall_findings(
         entry.shape.walls,
         material=entry.material.name,
         density_kg_m3=entry.material.density_kg_m3,
@@ -166,7 +170,7 @@ def check_walls(entry: Entry) -> Iterator[Finding]:
         wall_m=entry.record.wall_m,
         shell_m=entry.record.shell_m,
     ):
-        if one.kind not in (HEAVIER, LIGHTER):
-            severity = WARNING if one.certainty in (CERTAIN, LIKELY) else NOTE
-            found = f"{one.kind} ({one.certainty}): {one.finding}"
-            yield entry.found(WALLS, severity, one.column, found, one.remedy)
+        if wall.kind not in (HEAVIER, LIGHTER):
+            severity = WARNING if wall.certainty in (CERTAIN, LIKELY) else NOTE
+            finding = f"{wall.kind} ({wall.certainty}): {wall.finding}"
+            yield entry.finding(WALLS, severity, wall.column, finding, wall.remedy)

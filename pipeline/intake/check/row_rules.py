@@ -14,8 +14,8 @@ NUMBERS = ("paper_length_m", "paper_index")
 """Columns of numbers above 0 that the factory itself passes over."""
 
 MEANT: Mapping[str, Set[str]] = {
-    word: meant
-    for meant, words in (
+    word: materials
+    for materials, words in (
         (frozenset({"ceramic"}), "porcelain ceramic stoneware earthenware terracotta"),
         (frozenset({"glass"}), "glass"),
         (frozenset({"wood"}), "wood wooden bamboo plywood"),
@@ -32,49 +32,55 @@ def check_readable(entry: Entry) -> Iterator[Finding]:
     """Find what keeps a row from being built; what is only not fetched yet is a note."""
     if entry.problem is not None:
         column = entry.problem.where.rpartition("field ")[2] if "field " in entry.problem.where else "mesh"
-        severity, found = ERROR, entry.problem.finding
+        severity, finding = ERROR, entry.problem.finding
         if entry.is_unfetched:
-            severity, found = NOTE, "is not fetched: size, mass, walls and surface were not checked"
-        yield entry.found(READABLE, severity, column, found, entry.problem.remedy)
+            severity, finding = NOTE, "is not fetched: size, mass, walls and surface were not checked"
+        yield entry.finding(READABLE, severity, column, finding, entry.problem.remedy)
     for column in NUMBERS:
         if entry.cell(column) and entry.number(column) is None:
-            found = f"{entry.cell(column)!r} is not a number above 0"
-            yield entry.found(READABLE, WARNING, column, found, "Correct it, or leave it empty")
+            finding = f"{entry.cell(column)!r} is not a number above 0"
+            yield entry.finding(READABLE, WARNING, column, finding, "Correct it, or leave it empty")
 
 
 def check_licence(entry: Entry) -> Iterator[Finding]:
     """Find licences that are missing, not SPDX, not the source's, or that forbid what is made of it."""
-    said = entry.cell("licence")
-    if not said:
+    licence = entry.cell("licence")
+    if not licence:
         remedy = "State its SPDX identifier, such as CC-BY-4.0"
-        yield entry.found(LICENCE, WARNING, "licence", "is empty", remedy)
+        yield entry.finding(LICENCE, WARNING, "licence", "is empty", remedy)
         return
-    meant = spdx(said) or likely_spdx(said)
-    if meant != said:
-        remedy = f"Write {meant}" if meant else "Use an identifier of spdx.org/licenses, or LicenseRef-NAME"
-        yield entry.found(LICENCE, WARNING, "licence", f"{said!r} is not as SPDX writes it", remedy)
-    source = entry.source
-    if source is not None and meant is not None and meant != source.licence:
-        found = f"{said!r} is not the licence of {source.title}, {source.licence}"
-        yield entry.found(LICENCE, ERROR, "licence", found, f"Write {source.licence}, or correct the source")
-    if "-ND" in (meant or ""):
-        found = f"{meant} does not allow changed versions, which an Object File is, to be shared"
-        yield entry.found(
-            LICENCE, WARNING, "licence", found, "Do not publish products of it, or ask its author"
+    identifier = spdx(licence) or likely_spdx(licence)
+    if identifier != licence:
+        remedy = (
+            f"Write {identifier}"
+            if identifier
+            else "Use an identifier of spdx.org/licenses, or LicenseRef-NAME"
         )
-    elif "-NC" in (meant or ""):
-        found = f"{meant} allows no commercial use of its products"
-        yield entry.found(LICENCE, NOTE, "licence", found, "Say so where the data set is published")
+        yield entry.finding(LICENCE, WARNING, "licence", f"{licence!r} is not as SPDX writes it", remedy)
+    source = entry.source
+    if source is not None and identifier is not None and identifier != source.licence:
+        finding = f"{licence!r} is not the licence of {source.title}, {source.licence}"
+        yield entry.finding(
+            LICENCE, ERROR, "licence", finding, f"Write {source.licence}, or correct the source"
+        )
+    if "-ND" in (identifier or ""):
+        finding = f"{identifier} does not allow changed versions, which an Object File is, to be shared"
+        yield entry.finding(
+            LICENCE, WARNING, "licence", finding, "Do not publish products of it, or ask its author"
+        )
+    elif "-NC" in (identifier or ""):
+        finding = f"{identifier} allows no commercial use of its products"
+        yield entry.finding(LICENCE, NOTE, "licence", finding, "Say so where the data set is published")
 
 
 def check_provenance(entry: Entry) -> Iterator[Finding]:
     """Find rows that do not say where they are from, or say so in two ways."""
     if not entry.cell("source"):
-        yield entry.found(PROVENANCE, WARNING, "source", "is empty", "Say where the mesh is from")
+        yield entry.finding(PROVENANCE, WARNING, "source", "is empty", "Say where the mesh is from")
     if not entry.cell("attribution"):
         # The public domain asks for no name.
         severity = NOTE if entry.cell("licence").upper().startswith("CC0") else WARNING
-        yield entry.found(PROVENANCE, severity, "attribution", "is empty", "Say whom to name")
+        yield entry.finding(PROVENANCE, severity, "attribution", "is empty", "Say whom to name")
     source_id, in_words = entry.cell("source_id"), entry.source_in_words
     if not source_id:
         return
@@ -82,12 +88,12 @@ def check_provenance(entry: Entry) -> Iterator[Finding]:
         source, name = source_and_name(source_id)
         source.check_name(name)
     except InputError as problem:
-        found = f"{source_id!r}: {problem.finding}"
-        yield entry.found(PROVENANCE, ERROR, "source_id", found, problem.remedy)
+        finding = f"{source_id!r}: {problem.finding}"
+        yield entry.finding(PROVENANCE, ERROR, "source_id", finding, problem.remedy)
         return
     if in_words not in (None, source):
-        found = f"{source_id!r} is of another source than {entry.cell('source')!r}"
-        yield entry.found(PROVENANCE, ERROR, "source_id", found, "Correct the one or the other")
+        finding = f"{source_id!r} is of another source than {entry.cell('source')!r}"
+        yield entry.finding(PROVENANCE, ERROR, "source_id", finding, "Correct the one or the other")
 
 
 def check_material(entry: Entry) -> Iterator[Finding]:
@@ -95,14 +101,14 @@ def check_material(entry: Entry) -> Iterator[Finding]:
     material, materials = entry.cell("material"), entry.materials.keys()
     # Words end at capitals, digits and signs: ``WoodenChair_01`` is wooden, chair.
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", entry.names)]
-    said = {word: {word} & materials or MEANT[word] & materials for word in words if word in MEANT}
-    possible = sorted(set().union(*said.values()))
-    if not said or material in possible or material not in materials:
+    meanings = {word: {word} & materials or MEANT[word] & materials for word in words if word in MEANT}
+    possible = sorted(set().union(*meanings.values()))
+    if not meanings or material in possible or material not in materials:
         return
-    found = f"is {material}, where the name says {', '.join(said)}"
+    finding = f"is {material}, where the name says {', '.join(meanings)}"
     if possible:
         remedy = f"Write {' or '.join(possible)}, or say in the notes why not and accept it"
     else:
-        found += ", which the table of materials does not have"
+        finding += ", which the table of materials does not have"
         remedy = "Add a row to the table of materials, with its citation"
-    yield entry.found(MATERIAL, WARNING, "material", found, remedy)
+    yield entry.finding(MATERIAL, WARNING, "material", finding, remedy)

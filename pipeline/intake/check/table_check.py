@@ -59,7 +59,7 @@ class Check:
 
     def count(self, severity: str) -> int:
         """Number of findings of a severity."""
-        return sum(one.severity == severity for one in self.findings)
+        return sum(finding.severity == severity for finding in self.findings)
 
 
 def check_table(
@@ -90,12 +90,12 @@ def check_table(
 def check_entries(entries: Sequence[Entry]) -> Check:
     """Apply every rule to rows that were read."""
     doubles: dict[str, list[Finding]] = {}
-    for one in duplicate_rule.check(entries):
-        doubles.setdefault(one.object_id, []).append(one)
+    for finding in duplicate_rule.check(entries):
+        doubles.setdefault(finding.object_id, []).append(finding)
     findings: list[Finding] = []
     for entry in entries:
         findings += accept(entry, [*_of_row(entry), *doubles.pop(entry.object_id, ())])
-    findings.sort(key=lambda one: SEVERITIES.index(one.severity))
+    findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))
     unfetched = tuple(entry.object_id for entry in entries if entry.is_unfetched)
     looks = {entry.object_id: entry.shape.looks for entry in entries if entry.shape is not None}
     return Check(len(entries), len(looks), unfetched, tuple(findings), looks)
@@ -110,29 +110,29 @@ def accept(entry: Entry, findings: Sequence[Finding]) -> Iterator[Finding]:
     for name in listed:
         if name not in RULES:
             remedy = did_you_mean(name, RULES, f"Use names of rules: {', '.join(RULES)}")
-            yield entry.found(ACCEPTED, WARNING, ACCEPTED, f"there is no rule {name!r}", remedy)
-        elif entry.shape is not None and name not in [one.rule for one in findings]:
-            found = f"the rule {name!r} finds nothing"
-            yield entry.found(ACCEPTED, NOTE, ACCEPTED, found, "Take it out of the list")
+            yield entry.finding(ACCEPTED, WARNING, ACCEPTED, f"there is no rule {name!r}", remedy)
+        elif entry.shape is not None and name not in [finding.rule for finding in findings]:
+            phrase = f"the rule {name!r} finds nothing"
+            yield entry.finding(ACCEPTED, NOTE, ACCEPTED, phrase, "Take it out of the list")
     if listed and not entry.cell("notes"):
-        found = f"{', '.join(listed)} accepted without a reason"
-        yield entry.found(ACCEPTED, WARNING, ACCEPTED, found, "Say why in the notes")
+        phrase = f"{', '.join(listed)} accepted without a reason"
+        yield entry.finding(ACCEPTED, WARNING, ACCEPTED, phrase, "Say why in the notes")
         listed = []
-    for one in findings:
-        accepted = one.rule in listed and one.severity != ERROR
-        yield replace(one, severity=NOTE, accepted=True) if accepted else one
+    for finding in findings:
+        accepted = finding.rule in listed and finding.severity != ERROR
+        yield replace(finding, severity=NOTE, accepted=True) if accepted else finding
 
 
-def read_entries(path: Path, known: Mapping[str, Material]) -> list[Entry]:
+def read_entries(path: Path, materials: Mapping[str, Material]) -> list[Entry]:
     """Return the rows of a table in order, those with faults too; nothing is measured yet."""
     _, rows = read_rows(path)
-    catalogue = read_catalogue(path, known)
+    catalogue = read_catalogue(path, materials)
     records = {record.id: record for record in catalogue.records}
     return [
         Entry(
             object_id=row["id"] or f"line {line}",
             cells=row,
-            materials=known,
+            materials=materials,
             record=records.get(row["id"]),
             problem=catalogue.errors.get(row["id"] or f"line {line}"),
         )
@@ -151,12 +151,14 @@ def measured(entry: Entry) -> Entry:
 
 
 def _of_row(entry: Entry) -> Iterator[Finding]:
-    found = [one for rule in BY_ROW.values() for one in rule(entry)]
-    shells = any(one.rule == mesh_rules.WALLS and one.field == mesh_rules.SHELL for one in found)
-    for one in found:
+    findings = [finding for rule in BY_ROW.values() for finding in rule(entry)]
+    shells = any(
+        finding.rule == mesh_rules.WALLS and finding.field == mesh_rules.SHELL for finding in findings
+    )
+    for finding in findings:
         # A shell that the walls ask for already is not asked for again because of the mass.
-        if not (shells and one.rule == mesh_rules.MASS and one.field == mesh_rules.SHELL):
-            yield one
+        if not (shells and finding.rule == mesh_rules.MASS and finding.field == mesh_rules.SHELL):
+            yield finding
 
 
 NARROWEST = 110  # characters
@@ -166,8 +168,12 @@ def text(check: Check, table: Path, width: int) -> str:
     """Return a table of findings, worst first, a line for each kind of looks, and a line that sums up."""
     # That files are not fetched is said once for all of them.
     unfetched = (NOTE, row_rules.READABLE)
-    shown = [one for one in check.findings if (one.severity, one.rule) != unfetched or one.accepted]
-    lines = _rows(shown, width)
+    listed = [
+        finding
+        for finding in check.findings
+        if (finding.severity, finding.rule) != unfetched or finding.accepted
+    ]
+    lines = _rows(listed, width)
     if check.unfetched:
         lines += [
             f"{len(check.unfetched)} not fetched ({_ids(check.unfetched)}): size, mass, walls and surface "
@@ -179,7 +185,7 @@ def text(check: Check, table: Path, width: int) -> str:
         f"{check.count(severity)} {severity}{'' if check.count(severity) == 1 else 's'}"
         for severity in (ERROR, WARNING, NOTE)
     )
-    accepted = sum(one.accepted for one in check.findings)
+    accepted = sum(finding.accepted for finding in check.findings)
     lines.append(
         f"{check.objects} object{'' if check.objects == 1 else 's'}, {check.measured} measured: {counts}"
         + (f" ({accepted} accepted)" if accepted else "")
@@ -208,7 +214,7 @@ def as_json(check: Check, table: Path) -> str:
         "unfetched": list(check.unfetched),
         "counts": {severity: check.count(severity) for severity in (ERROR, WARNING, NOTE)},
         "looks": dict(check.looks),
-        "findings": [asdict(one) for one in check.findings],
+        "findings": [asdict(finding) for finding in check.findings],
     }
     return json.dumps(content, indent=1, ensure_ascii=False)
 
@@ -218,16 +224,16 @@ def _rows(findings: list[Finding], width: int) -> list[str]:
     if not findings:
         return []
     alike: dict[Finding, list[str]] = {}
-    for one in findings:
-        alike.setdefault(replace(one, object_id=""), []).append(one.object_id)
+    for finding in findings:
+        alike.setdefault(replace(finding, object_id=""), []).append(finding.object_id)
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column(no_wrap=True)
     table.add_column("object", max_width=28, overflow="fold")
     table.add_column("field", no_wrap=True)
     table.add_column("found", min_width=30)
     table.add_column("remedy", min_width=30)
-    for one, ids in alike.items():
+    for finding, ids in alike.items():
         objects = ids[0] if len(ids) == 1 else f"{ids[0]} and {len(ids) - 1} more"
-        severity = "accepted" if one.accepted else one.severity
-        table.add_row(*map(Text, (severity, objects, one.field, one.found, one.remedy)))
+        severity = "accepted" if finding.accepted else finding.severity
+        table.add_row(*map(Text, (severity, objects, finding.field, finding.found, finding.remedy)))
     return table_text(table, max(width, NARROWEST)).splitlines()

@@ -53,11 +53,11 @@ class Expected:
     def difference(self, path: Path) -> str:
         """Return in what a file differs, with both values; empty where it does not."""
         with path.open("rb") as file:
-            found = {"size": path.stat().st_size, "md5": hashlib.file_digest(file, "md5").hexdigest()}
-        for name, value in found.items():
-            wanted = getattr(self, name)
-            if wanted is not None and str(wanted).lower() != str(value):
-                return f"differs from what is known of it: its {name} is {value}, not {wanted}"
+            actual = {"size": path.stat().st_size, "md5": hashlib.file_digest(file, "md5").hexdigest()}
+        for name, value in actual.items():
+            expected = getattr(self, name)
+            if expected is not None and str(expected).lower() != str(value):
+                return f"differs from what is known of it: its {name} is {value}, not {expected}"
         return ""
 
 
@@ -66,8 +66,8 @@ class CachedFile:
 
     def __init__(self, cache: Path, url: str) -> None:
         self.folder = cache / hashlib.sha256(url.encode("utf-8", "surrogatepass")).hexdigest()[:32]
-        last = unquote(re.split("[?#]", url)[0]).rpartition("/")[2]
-        plain = re.sub(r"[^A-Za-z0-9._-]", "_", last)[-100:].lstrip(".") or "file"
+        name = unquote(re.split("[?#]", url)[0]).rpartition("/")[2]
+        plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[-100:].lstrip(".") or "file"
         self.path, self.partial = self.folder / plain, self.folder / ".partial"
         self._version = self.folder / ".partial.etag"
 
@@ -163,8 +163,8 @@ class Downloader:
         try:
             return TypeAdapter(kind).validate_json(content)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            finding = f"its server answers with no JSON of the form that is known ({first['msg']})"
+            detail = error.errors(include_url=False)[0]
+            finding = f"its server answers with no JSON of the form that is known ({detail['msg']})"
             remedy = "Open it in a browser: a proxy may answer in its place. Or use a mirror."
             raise FormatError(url, finding, remedy) from error
 
@@ -224,8 +224,8 @@ class Downloader:
                 if not count:
                     remedy = "Use a mirror: that is no answer to a request for all of a file."
                     raise InputError(expected.url, "its server has no part of it (416)", remedy)
-            whole = re.fullmatch(rf"bytes {count}-(\d+)/(\d+)", part)
-            resumed = response.status_code == 206 and whole is not None and count > 0
+            content_range = re.fullmatch(rf"bytes {count}-(\d+)/(\d+)", part)
+            resumed = response.status_code == 206 and content_range is not None and count > 0
             if not resumed or response.headers.get("ETag", etag) != etag:
                 count, resumed = 0, False
                 cached.begin(response.headers.get("ETag", ""))
@@ -247,8 +247,8 @@ class Downloader:
                     if time.monotonic() > end:
                         finding = f"not there after {LONGEST_S / 3600:g} hours"
                         raise UnreachableError(expected.url, finding, RETRY_REMEDY)
-            if resumed and whole is not None and count != int(whole[2]):
-                raise InterruptedBodyError(f"its server ends after {count} of {whole[2]} bytes")
+            if resumed and content_range is not None and count != int(content_range[2]):
+                raise InterruptedBodyError(f"its server ends after {count} of {content_range[2]} bytes")
         return resumed
 
     @contextlib.contextmanager

@@ -13,11 +13,11 @@ from pipeline.intake.sources.fetching import Fetched
 
 def lines_of(fetched: Fetched) -> str:
     """Return what an object is, and where its files are."""
-    source = fetched.asked.source
+    source = fetched.source_object.source
     size = f"{len(fetched.form.files)} files, {fetched.bytes / 1e6:.2f} MB"
     new = f", hashes recorded: {fetched.recorded}" if fetched.recorded else ""
     return (
-        f"{fetched.asked.id}  {fetched.outcome}, {size}{new}\n"
+        f"{fetched.source_object.id}  {fetched.outcome}, {size}{new}\n"
         f"  mesh     {fetched.mesh}\n"
         f"  texture  {fetched.texture or 'named by the mesh'}\n"
         f"  licence  {source.licence}; {source.attribution}"
@@ -27,13 +27,15 @@ def lines_of(fetched: Fetched) -> str:
 def summary(fetched: Sequence[Fetched], table: Path, rows: Collection[Mapping[str, str]], count: int) -> str:
     """Return rows to add to the table for new objects and, of several objects, how many there are."""
     in_table = {row.get("source_id") for row in rows}
-    new = [one for one in fetched if one.asked.id not in in_table]
+    new = [entry for entry in fetched if entry.source_object.id not in in_table]
     lines = []
     if new:
         lines += [f"\nRows for {table}, each to be given its material:"]
         lines += [proposed_rows(new, table.parent).rstrip("\n")]
     if count > 1:
-        lines += [f"{len(fetched)} of {count} are there, {sum(one.bytes for one in fetched) / 1e6:.1f} MB"]
+        lines += [
+            f"{len(fetched)} of {count} are there, {sum(entry.bytes for entry in fetched) / 1e6:.1f} MB"
+        ]
     return "\n".join(lines)
 
 
@@ -41,7 +43,7 @@ def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
     """Return CSV with a header: all that is known of objects but their materials; paths are from `folder`."""
     rows = []
     for fetched in objects:
-        source, name = fetched.asked.source, fetched.asked.name
+        source, name = fetched.source_object.source, fetched.source_object.name
         mesh, texture = (
             Path(os.path.relpath(path, folder)).as_posix() if path else ""
             for path in (fetched.mesh, fetched.texture)
@@ -57,7 +59,7 @@ def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
                 "source": source.title,
                 "licence": source.licence,
                 "attribution": source.attribution,
-                "source_id": fetched.asked.id,
+                "source_id": fetched.source_object.id,
             }
         )
     text = io.StringIO()

@@ -36,7 +36,7 @@ class Fetched:
 
     Parameters
     ----------
-    asked
+    source_object
         What was asked for.
     folder
         Where it is.
@@ -48,7 +48,7 @@ class Fetched:
         Number of hashes that were not known before.
     """
 
-    asked: SourceObject
+    source_object: SourceObject
     folder: Path
     form: Form
     outcome: str
@@ -72,15 +72,15 @@ class Fetched:
     def figures(self) -> dict[str, str | int | None]:
         """Return what it is and where, for JSON."""
         return {
-            "id": self.asked.id,
+            "id": self.source_object.id,
             "outcome": self.outcome,
             "files": len(self.form.files),
             "bytes": self.bytes,
             "hashes_recorded": self.recorded,
             "mesh": str(self.mesh),
             "texture": str(self.texture) if self.texture else None,
-            "licence": self.asked.source.licence,
-            "attribution": self.asked.source.attribution,
+            "licence": self.source_object.source.licence,
+            "attribution": self.source_object.source.attribution,
         }
 
 
@@ -123,16 +123,18 @@ class Fetcher:
             self._names[source.id] = source.names(self._downloader)
         return self._names[source.id]
 
-    def missing(self, asked: SourceObject) -> list[Download]:
+    def missing(self, source_object: SourceObject) -> list[Download]:
         """Return what would be downloaded: nothing where all is there. Errors are those of `fetch`."""
-        if self._kept(asked):
+        if self._local_form(source_object):
             return []
         try:
-            return asked.source.downloads(asked.name, asked.resolution, self._downloader)
+            return source_object.source.downloads(
+                source_object.name, source_object.resolution, self._downloader
+            )
         except (AbsentError, RefusedError) as problem:
-            raise self._absent(asked, problem) from problem
+            raise self._absent(source_object, problem) from problem
 
-    def fetch(self, asked: SourceObject) -> Fetched:
+    def fetch(self, source_object: SourceObject) -> Fetched:
         """Fetch one object, or find that it is there and whole.
 
         Raises
@@ -144,27 +146,27 @@ class Fetcher:
         FormatError
             What was downloaded is damaged, or laid out as the source does not lay it out.
         """
-        target = asked.folder(self._folder)
+        target = source_object.folder(self._folder)
         partial = target.with_name(f".{target.name}.partial")
         with locked(target.with_name(f".{target.name}.lock")), writing(target):
-            kept = self._kept(asked)
-            if kept is not None:
-                return Fetched(asked, target, kept, KEPT, 0)
+            local_form = self._local_form(source_object)
+            if local_form is not None:
+                return Fetched(source_object, target, local_form, KEPT, 0)
             try:
-                form, recorded = self._downloaded(asked, partial)
-                forms = read_forms(target) | {asked.resolution: form}
-                _copy_missing(target, partial, {name for one in forms.values() for name in one.files})
-                write_forms(partial, asked, forms)
+                form, recorded = self._downloaded(source_object, partial)
+                forms = read_forms(target) | {source_object.resolution: form}
+                _copy_missing(target, partial, {name for entry in forms.values() for name in entry.files})
+                write_forms(partial, source_object, forms)
                 # Moved away before it is removed: a killed process leaves no half of an object.
                 with tempfile.TemporaryDirectory(prefix=".", suffix=".old", dir=target.parent) as old:
                     if target.exists():
                         target.rename(Path(old, "replaced"))
                     partial.rename(target)
             except (AbsentError, RefusedError) as problem:
-                raise self._absent(asked, problem) from problem
+                raise self._absent(source_object, problem) from problem
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
-        return Fetched(asked, target, form, FETCHED, recorded)
+        return Fetched(source_object, target, form, FETCHED, recorded)
 
     def fetch_all(
         self, source_ids: Sequence[str], resolutions: Resolutions
@@ -173,65 +175,71 @@ class Fetcher:
         unreachable: Counter[str] = Counter()
         for source_id in dict.fromkeys(source_ids):
             try:
-                asked = resolutions.asked(source_id)
+                source_object = resolutions.source_object(source_id)
             except InputError as error:
                 yield source_id, error
                 continue
-            source = asked.source.id
+            source = source_object.source.id
             if unreachable[source] >= MOST_UNREACHABLE:
                 finding = "not tried, for its source cannot be reached"
                 yield source_id, InputError(source_id, finding, "Run the same command later.")
                 continue
             try:
-                yield source_id, self.fetch(asked)
+                yield source_id, self.fetch(source_object)
                 unreachable[source] = 0
             except ObjectFolderError as error:
                 unreachable[source] = unreachable[source] + 1 if isinstance(error, UnreachableError) else 0
                 yield source_id, error
 
-    def _kept(self, asked: SourceObject) -> Form | None:
+    def _local_form(self, source_object: SourceObject) -> Form | None:
         """Return the form that is there, if all of its files have the known hashes."""
-        target = asked.folder(self._folder)
-        form = None if self._refresh else read_forms(target).get(asked.resolution)
+        target = source_object.folder(self._folder)
+        form = None if self._refresh else read_forms(target).get(source_object.resolution)
         if form is None:
             return None
-        known = read_hashes(self._hashes)
+        hashes = read_hashes(self._hashes)
         for name in form.files:
             path = target / name
-            if not path.is_file() or known.get((asked.id, name)) != content_of(path):
+            if not path.is_file() or hashes.get((source_object.id, name)) != content_of(path):
                 return None
         return form
 
-    def _downloaded(self, asked: SourceObject, folder: Path) -> tuple[Form, int]:
+    def _downloaded(self, source_object: SourceObject, folder: Path) -> tuple[Form, int]:
         """Fill a folder; what is damaged or changed is downloaded once more before it is refused."""
         if not self._refresh:
             try:
-                return self._laid_out(asked, folder, anew=False)
+                return self._laid_out(source_object, folder, anew=False)
             except (FormatError, ChangedError):
                 pass
-        return self._laid_out(asked, folder, anew=True)
+        return self._laid_out(source_object, folder, anew=True)
 
-    def _laid_out(self, asked: SourceObject, folder: Path, *, anew: bool) -> tuple[Form, int]:
+    def _laid_out(self, source_object: SourceObject, folder: Path, *, anew: bool) -> tuple[Form, int]:
         """Fill an empty folder as the source lays it out; return which file is what, and the new hashes."""
         shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
         folder.mkdir(parents=True)
-        listed = asked.source.downloads(asked.name, asked.resolution, self._downloader)
+        listed = source_object.source.downloads(
+            source_object.name, source_object.resolution, self._downloader
+        )
         for entry in listed:
             file = self._file(entry, anew=anew)
             if entry.top is None:
                 place = folder / entry.path
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, place)
-            elif not unpack(file, folder, top=entry.top, wanted=asked.source.wanted):
+            elif not unpack(file, folder, top=entry.top, selects=source_object.source.wanted):
                 finding = f"holds none of the wanted files{f' in {entry.top}/' if entry.top else ''}"
                 raise FormatError(file.name, finding, "Its source lays it out differently than it did.")
         paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
         if RECORD in paths:
-            raise FormatError(asked.id, f"has a file {RECORD!r} of its own", "Tell its source.")
-        mesh, texture = asked.source.mesh_and_texture(folder, asked.name, asked.resolution)
+            raise FormatError(source_object.id, f"has a file {RECORD!r} of its own", "Tell its source.")
+        mesh, texture = source_object.source.mesh_and_texture(
+            folder, source_object.name, source_object.resolution
+        )
         form = Form(mesh, texture, tuple(str(entry.url) for entry in listed), tuple(paths))
         contents = {path: content_of(folder / path) for path in paths}
-        return form, record_hashes(self._hashes, asked.id, contents, accept_changed=self._accept_changed)
+        return form, record_hashes(
+            self._hashes, source_object.id, contents, accept_changed=self._accept_changed
+        )
 
     def _file(self, entry: Download, *, anew: bool) -> Path:
         """Return the path of a verified file: of this machine, or in the cache."""
@@ -246,9 +254,9 @@ class Fetcher:
             self._downloader.forget(entry.url)
         return self._downloader.file(entry.url, md5=entry.md5, size=entry.size)
 
-    def _absent(self, asked: SourceObject, problem: InputError) -> InputError:
+    def _absent(self, source_object: SourceObject, problem: InputError) -> InputError:
         """Return the error for an object that the source does not have, or refuses."""
-        source = asked.source
+        source = source_object.source
         try:
             names = self.names(source)
         except ObjectFolderError as unlisted:
@@ -256,16 +264,18 @@ class Fetcher:
             if isinstance(problem, RefusedError):
                 return problem
             finding = f"not there, and the source's list cannot be had ({unlisted.finding})"
-            return InputError(asked.id, finding, f"Look for its name on {source.page}.")
-        if asked.name in names:
-            remedy = source.absent.replace("NAME", asked.name)
-            return InputError(asked.id, f"{source.title} has no {asked.resolution} of it", remedy)
+            return InputError(source_object.id, finding, f"Look for its name on {source.page}.")
+        if source_object.name in names:
+            remedy = source.absent.replace("NAME", source_object.name)
+            return InputError(
+                source_object.id, f"{source.title} has no {source_object.resolution} of it", remedy
+            )
         by_folded = {name.casefold(): name for name in names}
-        near = difflib.get_close_matches(asked.name.casefold(), by_folded)
-        meant = " or ".join(source.source_id(by_folded[name]) for name in near)
-        remedy = f"Did you mean {meant}? " if near else ""
+        near = difflib.get_close_matches(source_object.name.casefold(), by_folded)
+        suggestions = " or ".join(source.source_id(by_folded[name]) for name in near)
+        remedy = f"Did you mean {suggestions}? " if near else ""
         remedy += f"`objectfolder fetch --list {source.id}` prints its {len(names)} names."
-        return InputError(asked.id, f"{source.title} has no such object", remedy)
+        return InputError(source_object.id, f"{source.title} has no such object", remedy)
 
 
 def _copy_missing(source: Path, folder: Path, names: Iterable[str]) -> None:

@@ -43,7 +43,7 @@ class GoogleScannedObjects(Source):
 
     def names(self, documents: Downloader) -> list[str]:
         """Return the names of all pages; past the last one the server answers that it is not there."""
-        found: set[str] = set()
+        names: set[str] = set()
         for page in range(1, MOST_PAGES + 1):
             address = f"{FUEL}models?page={page}&per_page={PER_PAGE}"
             try:
@@ -52,11 +52,11 @@ class GoogleScannedObjects(Source):
                 if page == 1:
                     raise
                 break
-            before = len(found)
-            found |= {str(entry["name"]) for entry in entries if "name" in entry}
-            if len(found) == before:  # a server that repeats its last page, or answers an empty one
+            before = len(names)
+            names |= {str(entry["name"]) for entry in entries if "name" in entry}
+            if len(names) == before:  # a server that repeats its last page, or answers an empty one
                 break
-        return sorted(found)
+        return sorted(names)
 
     def object_page(self, name: str) -> str:
         """Return the page of a model."""

@@ -210,12 +210,12 @@ def check_answer(url: str, response: requests.Response) -> None:
 
 def failure(url: str, error: Exception) -> InputError:
     """Return the error of a request without an answer."""
-    said = str(error)
+    text = str(error)
     if isinstance(error, requests.TooManyRedirects):
         finding = f"redirected more than {MOST_REDIRECTS} times"
         return InputError(url, finding, "The source is broken or has moved; try a mirror.")
     if isinstance(error, InwardRedirectError):
-        finding = f"redirected to {urlsplit(said).hostname}, which is this machine or reached by it alone"
+        finding = f"redirected to {urlsplit(text).hostname}, which is this machine or reached by it alone"
         return InputError(url, finding, "No public source does that. Use a mirror.")
     if isinstance(error, ValueError):  # what requests raises for addresses that it cannot ask
         return InputError(
@@ -223,14 +223,14 @@ def failure(url: str, error: Exception) -> InputError:
             f"it, its proxy or what it redirects to cannot be asked ({type(error).__name__})",
             "Only http and https are; check the address and the options for proxies and mirrors.",
         )
-    if isinstance(error, requests.exceptions.SSLError) and "CERTIFICATE_VERIFY_FAILED" in said:
+    if isinstance(error, requests.exceptions.SSLError) and "CERTIFICATE_VERIFY_FAILED" in text:
         return InputError(
             url,
             "its certificate is not to be trusted",
             "Check the clock and the address; for a proxy that opens connections, name its authority's "
             "certificate in REQUESTS_CA_BUNDLE.",
         )
-    if tunnel := re.search(r"Tunnel connection failed: (4\d\d)", said):
+    if tunnel := re.search(r"Tunnel connection failed: (4\d\d)", text):
         return RefusedError(url, f"refused by its proxy ({tunnel[1]})", "Check the proxy and its password.")
     return UnreachableError(url, f"cannot be fetched: {_finding(error)}", RETRY_REMEDY)
 
@@ -262,6 +262,6 @@ def body(response: requests.Response, timeout_s: float) -> Iterator[bytes]:
 
 def _finding(error: Exception) -> str:
     """Return what happened, without addresses: a proxy's may have a password in it."""
-    said = str(error)
-    found = next((finding for sign, finding in FINDINGS.items() if sign in said), None)
-    return found or f"the connection was lost ({type(error).__name__})"
+    text = str(error)
+    cause = next((finding for sign, finding in FINDINGS.items() if sign in text), None)
+    return cause or f"the connection was lost ({type(error).__name__})"

@@ -64,9 +64,9 @@ class PolyHaven(Source):
         address = f"{API}files/{name}"
         forms = documents.json(address, _Answer).gltf
         if resolution not in forms:
-            there = ", ".join(sorted(forms, key=lambda one: (len(one), one)))
+            available = ", ".join(sorted(forms, key=lambda form: (len(form), form)))
             raise InputError(
-                self.source_id(name), f"has no glTF of {resolution}", f"It has {there or 'none'}."
+                self.source_id(name), f"has no glTF of {resolution}", f"It has {available or 'none'}."
             )
         main = forms[resolution].gltf
         files = {main.url.rpartition("/")[2]: main, **main.include}
@@ -79,11 +79,11 @@ class PolyHaven(Source):
 
     def mesh_and_texture(self, folder: Path, name: str, resolution: str) -> tuple[str, str | None]:
         """Return the glTF, which names its own images: base colour, roughness and metallic."""
-        found = sorted(path.name for path in folder.glob(f"*_{resolution}.gltf"))
-        if len(found) != 1:
-            raise FormatError(name, f"has {len(found)} glTF files of {resolution}", "There should be one.")
-        _check_complete(folder / found[0])
-        return found[0], None
+        meshes = sorted(path.name for path in folder.glob(f"*_{resolution}.gltf"))
+        if len(meshes) != 1:
+            raise FormatError(name, f"has {len(meshes)} glTF files of {resolution}", "There should be one.")
+        _check_complete(folder / meshes[0])
+        return meshes[0], None
 
     def names(self, documents: Downloader) -> list[str]:
         """Return the slugs of all models."""
@@ -119,11 +119,9 @@ def _check_complete(mesh: Path) -> None:
     remedy = "The source is at fault; try later."
     try:
         header = read_gltf_file(mesh).header
-        named = [
-            entry.get("uri", "data:") for kind in ("buffers", "images") for entry in header.get(kind, [])
-        ]
+        uris = [entry.get("uri", "data:") for kind in ("buffers", "images") for entry in header.get(kind, [])]
         missing = [
-            uri for uri in named if not uri.startswith("data:") and not (mesh.parent / unquote(uri)).is_file()
+            uri for uri in uris if not uri.startswith("data:") and not (mesh.parent / unquote(uri)).is_file()
         ]
     except (InputError, TypeError, ValueError, AttributeError, OSError) as problem:
         raise FormatError(mesh.name, f"no glTF ({problem})", remedy) from problem

@@ -35,10 +35,10 @@ class Content:
     sha256: str
 
 
-Known = dict[tuple[str, str], Content]
+Hashes = dict[tuple[str, str], Content]
 
 
-def read_hashes(path: Path) -> Known:
+def read_hashes(path: Path) -> Hashes:
     """Read the table; an absent one is empty.
 
     Returns
@@ -53,7 +53,7 @@ def read_hashes(path: Path) -> Known:
     """
     if not path.is_file():
         return {}
-    known: Known = {}
+    hashes: Hashes = {}
     where = str(path)
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -66,11 +66,11 @@ def read_hashes(path: Path) -> Known:
                 if not size.isdecimal() or not _SHA256.fullmatch(sha256):
                     raise ValueError(f"{size!r} and {sha256!r} are no size and hash")
                 content = Content(int(size), sha256)
-                if known.setdefault((source_id, name), content) != content:
+                if hashes.setdefault((source_id, name), content) != content:
                     raise ValueError(f"says otherwise of {name} than a line above")
     except (csv.Error, ValueError) as problem:
         raise InputError(where, f"no CSV table of hashes in UTF-8 ({problem})", "Restore it.") from problem
-    return known
+    return hashes
 
 
 def content_of(path: Path) -> Content:
@@ -93,11 +93,13 @@ def record_hashes(
         The table is damaged or cannot be written.
     """
     with locked(path.with_name(f".{path.name}.lock")), writing(path):
-        known = read_hashes(path)
-        new = {key: one for name, one in files.items() if known.get(key := (source_id, name)) != one}
+        hashes = read_hashes(path)
+        new = {
+            key: content for name, content in files.items() if hashes.get(key := (source_id, name)) != content
+        }
         for key, content in sorted(new.items()):
-            if key in known and not accept_changed:
-                before = known[key]
+            if key in hashes and not accept_changed:
+                before = hashes[key]
                 raise ChangedError(
                     " ".join(key),
                     f"has changed: sha256 {content.sha256} ({content.bytes} bytes), "
@@ -109,7 +111,9 @@ def record_hashes(
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
             writer.writerow(COLUMNS)
-            writer.writerows((*key, one.bytes, one.sha256) for key, one in sorted((known | new).items()))
+            writer.writerows(
+                (*key, content.bytes, content.sha256) for key, content in sorted((hashes | new).items())
+            )
             write_whole(path, text.getvalue())
     return len(new)
 
@@ -137,27 +141,27 @@ class Form:
     files: tuple[str, ...]
 
 
-def write_forms(folder: Path, asked: SourceObject, forms: Mapping[str, Form]) -> None:
+def write_forms(folder: Path, source_object: SourceObject, forms: Mapping[str, Form]) -> None:
     """Write `source.json` of an object's folder; its mesh and texture are those that were asked for."""
-    source, form = asked.source, forms[asked.resolution]
-    said = {
-        "source_id": asked.id,
+    source, form = source_object.source, forms[source_object.resolution]
+    record = {
+        "source_id": source_object.id,
         "source": source.title,
-        "address": source.object_page(asked.name),
+        "address": source.object_page(source_object.name),
         "licence": source.licence,
         "attribution": source.attribution,
         "mesh": form.mesh,
         "texture": form.texture,
-        "resolution": asked.resolution,
+        "resolution": source_object.resolution,
         "resolutions": {key: asdict(value) for key, value in sorted(forms.items())},
     }
-    write_whole(folder / RECORD, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
+    write_whole(folder / RECORD, json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 
 
 def read_forms(folder: Path) -> dict[str, Form]:
     """Return the forms by resolution of `source.json`; none where it is absent or no such record."""
     try:
-        said = json.loads((folder / RECORD).read_bytes())
-        return TypeAdapter(dict[str, Form]).validate_python(said["resolutions"])
+        record = json.loads((folder / RECORD).read_bytes())
+        return TypeAdapter(dict[str, Form]).validate_python(record["resolutions"])
     except (OSError, ValueError, KeyError, TypeError):
         return {}

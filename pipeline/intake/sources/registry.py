@@ -113,28 +113,28 @@ class Resolutions:
     """
 
     def __init__(self, texts: Sequence[str] = ()) -> None:
-        self._asked: list[tuple[str | None, str]] = []
+        self._choices: list[tuple[str | None, str]] = []
         for text in texts:
             of, equals, resolution = text.rpartition("=")
-            self._asked.append((of if equals else None, resolution))
-            there = []
+            self._choices.append((of if equals else None, resolution))
+            listing = []
             # A plugin is imported only where no source before it has the resolution.
             for source in map(source_named, [of] if equals else source_ids()):
-                there.append(f"{source.id}: {', '.join(source.resolutions)}")
+                listing.append(f"{source.id}: {', '.join(source.resolutions)}")
                 if resolution in source.resolutions:
                     break
             else:
-                remedy = f"There are {'; '.join(there)}."
+                remedy = f"There are {'; '.join(listing)}."
                 raise InputError(f"--resolution {text}", "no such resolution", remedy)
 
-    def asked(self, source_id: str) -> SourceObject:
+    def source_object(self, source_id: str) -> SourceObject:
         """Return what an id asks for; InputError for an id that no source can have."""
         source, name = source_and_name(source_id)
         source.check_name(name)
         resolution = source.resolutions[0]
-        for of, asked in self._asked:
-            if of in (None, source.id) and asked in source.resolutions:
-                resolution = asked
+        for of, choice in self._choices:
+            if of in (None, source.id) and choice in source.resolutions:
+                resolution = choice
         return SourceObject(source, name, resolution)
 
 
@@ -150,11 +150,11 @@ def table_ids(table: Path, only: Collection[str] = ()) -> list[str]:
     if "source_id" not in columns:
         remedy = "Add it: source_id says where from, as ycb:025_mug"
         raise InputError(str(table), "has no column 'source_id'", remedy)
-    known = {row["id"]: row["source_id"] for _, row in rows}
+    ids = {row["id"]: row["source_id"] for _, row in rows}
     for object_id in only:
-        if object_id not in known:
-            remedy = did_you_mean(object_id, known, "Use an id of the table.")
+        if object_id not in ids:
+            remedy = did_you_mean(object_id, ids, "Use an id of the table.")
             raise InputError(str(table), f"there is no object {object_id!r}", remedy)
-        if not known[object_id]:
+        if not ids[object_id]:
             raise InputError(f"{table}, {object_id}", "has no source_id", "Its files are not to be fetched.")
     return [row["source_id"] for _, row in rows if row["source_id"] and (not only or row["id"] in only)]

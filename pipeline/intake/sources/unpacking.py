@@ -45,7 +45,7 @@ class _Member(NamedTuple):
 
 
 def unpack(
-    archive: Path, folder: Path, *, top: str = "", wanted: Callable[[str], bool] = lambda path: True
+    archive: Path, folder: Path, *, top: str = "", selects: Callable[[str], bool] = lambda path: True
 ) -> list[str]:
     """Unpack a zip or tar.gz into an empty folder; where it is refused, the caller removes the folder.
 
@@ -55,7 +55,7 @@ def unpack(
         What it is, its content decides and not its name.
     top
         Folder in the archive whose members are unpacked, without it; all for an empty one.
-    wanted
+    selects
         Which members to unpack, by their paths below `top`. Those left out must be harmless all the same.
 
     Returns
@@ -79,15 +79,15 @@ def unpack(
         try:
             for path, member in _checked(_members(archive), limit_bytes):
                 inner = path.removeprefix(start)
-                if path.startswith(start) and wanted(inner):
+                if path.startswith(start) and selects(inner):
                     member.extract(inner, folder)
                     files.append(inner)
         except RecursionError as error:
             finding = "not to be unpacked: its headers follow one another without end"
             raise FormatError(str(archive), finding, REMEDY) from error
         except DAMAGE as error:
-            said = str(error) or type(error).__name__
-            raise FormatError(str(archive), f"not to be unpacked: {said}", REMEDY) from error
+            reason = str(error) or type(error).__name__
+            raise FormatError(str(archive), f"not to be unpacked: {reason}", REMEDY) from error
     return files
 
 
@@ -95,7 +95,7 @@ def _checked(members: Iterable[_Member], limit_bytes: int) -> Iterator[tuple[str
     """Yield files and their plain paths; ValueError for a member that is refused, or for no file."""
     # By names as a file system sees them that tells neither case nor composed letters apart; a file's
     # number differs from that of any other member, and all folders have 0.
-    known: dict[str, tuple[PurePosixPath, int]] = {}
+    places: dict[str, tuple[PurePosixPath, int]] = {}
     total, files = 0, 0
     for count, member in enumerate(members, start=1):
         total += member.size
@@ -109,7 +109,7 @@ def _checked(members: Iterable[_Member], limit_bytes: int) -> Iterator[tuple[str
         number = 0 if member.is_folder else count
         for place in ((path, number), *((parent, 0) for parent in path.parents)):
             key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", str(place[0])).casefold())
-            if known.setdefault(key, place) != place:
+            if places.setdefault(key, place) != place:
                 raise ValueError(f"{str(path)!r} is there twice where case is not told apart")
         if not member.is_folder:
             files += 1

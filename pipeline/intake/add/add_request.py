@@ -6,7 +6,7 @@ from pipeline.dataset.described_object import DescribedObject
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted(DescribedObject):
+class AddRequest(DescribedObject):
     """An object to add.
 
     Parameters
