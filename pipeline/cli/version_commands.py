@@ -77,8 +77,8 @@ def audit(
         print(audit_text(result, too_much, allowed, terminal_width()))
     if result.problems:
         print_error(
-            f"not all could be compared ({len(result.problems)} could not be read), so more may have changed; limits "
-            "were judged by what was read and by the committed figures."
+            f"not all could be compared ({len(result.problems)} could not be read), so more may have "
+            "changed; limits were judged by what was read and by the committed figures."
         )
         return FAILED
     return FAILED if too_much else FINE

@@ -73,9 +73,9 @@ def errors_of(path: Path) -> Iterator[None]:
 
 
 def describe(
-    archive: zipfile.ZipFile, wanted: Container[str] | None = None
+    archive: zipfile.ZipFile, selection: Container[str] | None = None
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """Return the attributes of a product, and what it says of its arrays, or of those `wanted`; checked.
+    """Return the attributes of a product, and what it says of its arrays, or of the `selection`; checked.
 
     A damaged one makes this raise any of `UNREADABLE`; so does a name that leads out of it, or a type, codec
     or size that no product has.
@@ -89,13 +89,13 @@ def describe(
     arrays: dict[str, dict[str, Any]] = {}
     for entry in archive.infolist():
         name, _, rest = entry.filename.partition("/")
-        if entry.filename == GROUP or (wanted is not None and name not in wanted):
+        if entry.filename == GROUP or (selection is not None and name not in selection):
             continue
         if not rest or not _NAME.fullmatch(name):
             raise ValueError(f"entry {entry.filename!r} is no part of a product")
         if rest == GROUP:
             arrays[name] = from_json(_json_text(archive, entry))
-    total = sum(described_bytes(name, said)[1] for name, said in arrays.items())
+    total = sum(described_bytes(name, description)[1] for name, description in arrays.items())
     if total > LARGEST_PRODUCT_BYTES:
         raise ValueError(f"its arrays would take {total} bytes")
     return attributes, arrays
@@ -109,15 +109,15 @@ def _json_text(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
 
 def attributes_of(text: bytes) -> dict[str, Any]:
     """Return the attributes that a group's JSON holds; raises ValueError or TypeError for any other JSON."""
-    said = from_json(text)
-    if {**said, "attributes": {}} != {"zarr_format": 3, "node_type": "group", "attributes": {}}:
-        raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(said)}")
-    if not isinstance(said["attributes"], dict):
+    metadata = from_json(text)
+    if {**metadata, "attributes": {}} != {"zarr_format": 3, "node_type": "group", "attributes": {}}:
+        raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(metadata)}")
+    if not isinstance(metadata["attributes"], dict):
         raise TypeError("its attributes have no names")
-    return said["attributes"]
+    return metadata["attributes"]
 
 
-def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
+def described_bytes(name: str, description: dict[str, Any]) -> tuple[int, int]:
     """Return the bytes of a chunk and of the array in memory.
 
     Raises
@@ -125,18 +125,18 @@ def described_bytes(name: str, said: dict[str, Any]) -> tuple[int, int]:
     LookupError, TypeError, ValueError
         The description is not that of an array of a product.
     """
-    shape, grid = said["shape"], said["chunk_grid"]
+    shape, grid = description["shape"], description["chunk_grid"]
     chunks = grid["configuration"]["chunk_shape"]
-    codecs = [codec["name"] for codec in said["codecs"]]
-    if said["zarr_format"] != 3 or said["node_type"] != "array" or grid["name"] != "regular":
+    codecs = [codec["name"] for codec in description["codecs"]]
+    if description["zarr_format"] != 3 or description["node_type"] != "array" or grid["name"] != "regular":
         raise ValueError(f"{name} is no array of Zarr 3 in regular chunks")
-    if said["data_type"] not in ITEM_BYTES:
-        raise ValueError(f"{name} is of type {said['data_type']!r}")
-    if tuple(codecs) != CODECS or said.get("storage_transformers"):
+    if description["data_type"] not in ITEM_BYTES:
+        raise ValueError(f"{name} is of type {description['data_type']!r}")
+    if tuple(codecs) != CODECS or description.get("storage_transformers"):
         raise ValueError(f"{name} is stored by {codecs}")
     if len(chunks) != len(shape) or not all(type(size) is int and size >= 0 for size in (*shape, *chunks)):
         raise ValueError(f"{name} has shape {shape} in chunks of {chunks}")
-    item = ITEM_BYTES[said["data_type"]]
+    item = ITEM_BYTES[description["data_type"]]
     count = math.prod(math.ceil(size / max(1, chunk)) for size, chunk in zip(shape, chunks, strict=True))
     if count > MOST_CHUNKS:
         raise ValueError(f"{name} lies in {count} chunks")

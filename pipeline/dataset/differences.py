@@ -57,14 +57,14 @@ SECTIONS = {
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Reason]:
     """Return what differs between what a product was made from and what is wanted, in JSON values."""
-    found = []
+    reasons = []
     for section, part in SECTIONS.items():
         before, after = (dict(_flat("", parts.get(section, {}))) for parts in (old, new))
         for name in sorted({*before, *after}):
-            was, wanted = before.get(name, ABSENT), after.get(name, ABSENT)
-            if was != wanted:
-                found.append(Reason(part, name, was, wanted))
-    return found
+            before_value, after_value = before.get(name, ABSENT), after.get(name, ABSENT)
+            if before_value != after_value:
+                reasons.append(Reason(part, name, before_value, after_value))
+    return reasons
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:

@@ -55,7 +55,7 @@ def read_failures(root: Path) -> list[FailedObject]:
 
 
 def write_failures(
-    root: Path, found: Iterable[FailedObject], stages: Sequence[Stage], others: Collection[str] = ()
+    root: Path, failures: Iterable[FailedObject], stages: Sequence[Stage], others: Collection[str] = ()
 ) -> None:
     """Write the failures of a run that no earlier failure explains; keep those that it did not look at.
 
@@ -63,8 +63,8 @@ def write_failures(
     ----------
     root
         Root of the data set; its path is left out of errors.
-    found
-        Failures of this run.
+    failures
+        Those of this run.
     stages
         Stages of this run: their earlier failures are forgotten.
     others
@@ -73,16 +73,17 @@ def write_failures(
     earlier: list[FailedObject] = []
     with contextlib.suppress(InputError):
         earlier = read_failures(root)
-    now = {stage.name: stage for stage in stages}
-    known = {**STAGES, **now}
-    every = [*(one for one in earlier if one.object in others or one.stage not in now), *found]
-    failed = {(one.object, one.stage) for one in every}
-    order = list(known | dict.fromkeys(one.stage for one in every))
+    run_stages = {stage.name: stage for stage in stages}
+    all_stages = {**STAGES, **run_stages}
+    unaffected = [failure for failure in earlier if failure.object in others or failure.stage not in run_stages]
+    all_failures = [*unaffected, *failures]
+    failed = {(failure.object, failure.stage) for failure in all_failures}
+    order = list(all_stages | dict.fromkeys(failure.stage for failure in all_failures))
     entries = [
-        asdict(one) | {"error": one.error.replace(f"{root}/", "")}
-        for one in sorted(every, key=lambda one: (one.object, order.index(one.stage)))
-        if one.stage not in known
-        or not any((one.object, before) in failed for before in known[one.stage].follows)
+        asdict(failure) | {"error": failure.error.replace(f"{root}/", "")}
+        for failure in sorted(all_failures, key=lambda failure: (failure.object, order.index(failure.stage)))
+        if failure.stage not in all_stages
+        or not any((failure.object, before) in failed for before in all_stages[failure.stage].follows)
     ]
     write_whole(root / FAILURES, json.dumps(entries, indent=1, ensure_ascii=False) + "\n")
 
@@ -119,6 +120,6 @@ def table_text(table: object, width: int | None) -> str:
     from rich.console import Console
 
     console = Console(width=width, markup=False, highlight=False, color_system=None)
-    with console.capture() as shown:
+    with console.capture() as capture:
         console.print(table)
-    return "\n".join(line.rstrip() for line in shown.get().splitlines())
+    return "\n".join(line.rstrip() for line in capture.get().splitlines())

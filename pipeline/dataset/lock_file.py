@@ -40,12 +40,14 @@ class Lock:
     @property
     def table(self) -> str:
         """Path of the table of objects; empty where no stage names it."""
-        said = self.parameter("objects")  # of versions before `inputs` was a stage
-        return str(said.get("table", "") if isinstance(said, dict) else self.parameter("objects.table") or "")
+        objects = self.parameter("objects")  # of versions before `inputs` was a stage
+        return str(
+            objects.get("table", "") if isinstance(objects, dict) else self.parameter("objects.table") or ""
+        )
 
     def parameter(self, name: str) -> Any:
         """Return a parameter that any stage has, None where none has it."""
-        return next((said[name] for said in self.parameters.values() if name in said), None)
+        return next((parameters[name] for parameters in self.parameters.values() if name in parameters), None)
 
 
 def is_folder(md5: str) -> bool:
@@ -70,19 +72,19 @@ def read_lock(where: str, text: bytes) -> Lock:
         parameters: dict[str, dict[str, Any]] = {}
         paths: set[str] = set()
         deps: dict[str, dict[str, str]] = {}
-        made = {str(out["path"]) for said in stages.values() for out in said.get("outs", ())}
-        for stage, said in stages.items():
-            for out in said.get("outs", ()):
+        outputs = {str(out["path"]) for entry in stages.values() for out in entry.get("outs", ())}
+        for stage, entry in stages.items():
+            for out in entry.get("outs", ()):
                 md5 = out.get("md5")
                 if not isinstance(md5, str) or not MD5.fullmatch(md5):
                     continue  # in no cache by MD5: a cloud's own version, or another file system's
                 outs[str(out["path"])] = md5
-            paths |= {str(one["path"]) for one in (*said.get("outs", ()), *said.get("deps", ()))}
-            deps[str(stage)] = {str(one["path"]): str(one.get("md5", "")) for one in said.get("deps", ())}
+            paths |= {str(file["path"]) for file in (*entry.get("outs", ()), *entry.get("deps", ()))}
+            deps[str(stage)] = {str(dep["path"]): str(dep.get("md5", "")) for dep in entry.get("deps", ())}
             parameters[str(stage)] = {
                 str(name): value
-                for file, values in said.get("params", {}).items()
-                if file not in made
+                for file, values in entry.get("params", {}).items()
+                if file not in outputs
                 for name, value in (values or {}).items()
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
@@ -99,11 +101,11 @@ def read_folder(where: str, text: bytes) -> dict[str, str]:
         Not such an object.
     """
     try:
-        found = {str(entry["relpath"]): str(entry["md5"]) for entry in json.loads(text)}
-        if not all(MD5.fullmatch(md5) for md5 in found.values()):
+        files = {str(entry["relpath"]): str(entry["md5"]) for entry in json.loads(text)}
+        if not all(MD5.fullmatch(md5) for md5 in files.values()):
             raise ValueError("a hash of no MD5's form")
-        if any(name.startswith("/") or ".." in name.split("/") for name in found):
+        if any(name.startswith("/") or ".." in name.split("/") for name in files):
             raise ValueError("a name that leads out of it")
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FormatError(where, f"no list of a folder's files ({error})", "Run `dvc fetch`.") from error
-    return found
+    return files

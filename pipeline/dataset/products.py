@@ -112,12 +112,12 @@ def read_fingerprint(path: Path) -> str | None:
         A file that cannot be read, or has no fingerprint.
     """
     try:
-        found = read_description(path).get("fingerprint")
+        fingerprint = read_description(path).get("fingerprint")
     except FileNotFoundError:
         return None
-    if not isinstance(found, str):
+    if not isinstance(fingerprint, str):
         raise FormatError(str(path), "it carries no fingerprint", "Delete it; a run makes it again.")
-    return found
+    return fingerprint
 
 
 def md5_of(path: Path) -> str:

@@ -74,11 +74,11 @@ def sources(row: Mapping[str, Any]) -> dict[str, Path]:
     """Return the files an object is read from, by role."""
     from objectfolder.mesh.readers.load import source_files
 
-    named = {"mesh": row["mesh"]}
+    files = {"mesh": row["mesh"]}
     if row["texture"] is not None:
-        named["texture"] = row["texture"]
-    referred = [path for path in source_files(row["mesh"], row["texture"]) if path not in named.values()]
-    return {**named, **{f"referred_{index}": path for index, path in enumerate(referred)}}
+        files["texture"] = row["texture"]
+    referred = [path for path in source_files(row["mesh"], row["texture"]) if path not in files.values()]
+    return {**files, **{f"referred_{index}": path for index, path in enumerate(referred)}}
 
 
 def write_records(root: Path, records: Records) -> None:

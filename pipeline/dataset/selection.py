@@ -48,8 +48,8 @@ def select(path: Path, table: str | None, only: str | None) -> list[str]:
     if wanted_table != before.table:
         changes.append(f"{path.name}: objects.table is now {wanted_table} (was {before.table})")
     if tuple(wanted_only) != before.only:
-        was, now = ("all" if not ids else ", ".join(ids) for ids in (before.only, wanted_only))
-        changes.append(f"{path.name}: objects.only is now {now} (was {was})")
+        ids_before, ids_after = ("all" if not ids else ", ".join(ids) for ids in (before.only, wanted_only))
+        changes.append(f"{path.name}: objects.only is now {ids_after} (was {ids_before})")
     meshes = before.meshes if wanted_table == before.table else _meshes(path.parent.absolute(), wanted_table)
     if meshes != before.meshes:
         changes.append(f"{path.name}: objects.meshes is now {meshes} (was {before.meshes})")
@@ -85,7 +85,8 @@ def _meshes(root: Path, table: str) -> str:
 
 def _check_ids(ids: list[str], table: Path) -> None:
     """Refuse ids that a table does not list, before they are written."""
-    known = [str(row.get("id") or "").strip() for _, row in read_rows(table)[1]] if ids else []
-    unknown = [object_id for object_id in ids if object_id not in known]
+    table_ids = [str(row.get("id") or "").strip() for _, row in read_rows(table)[1]] if ids else []
+    unknown = [object_id for object_id in ids if object_id not in table_ids]
     if unknown:
-        raise InputError("--only", f"{', '.join(unknown)}: not in {table}", f"Known are {', '.join(known)}.")
+        finding = f"{', '.join(unknown)}: not in {table}"
+        raise InputError("--only", finding, f"Known are {', '.join(table_ids)}.")

@@ -63,13 +63,13 @@ class ProductInput:
         """
         remedy = f"See what failed in stage {self.kind.made_by}."
         try:
-            found = verified.attributes(path, (FINGERPRINT, *self.attributes))
+            attributes = verified.attributes(path, (FINGERPRINT, *self.attributes))
         except FileNotFoundError as error:
             raise InputError(path.name, f"input missing: {self.kind.made_by} failed", remedy) from error
         except FormatError as error:
             raise InputError(path.name, f"input unreadable: {error}", remedy) from error
-        whole = found.pop(FINGERPRINT)
-        return whole, found if self.attributes else whole
+        fingerprint = attributes.pop(FINGERPRINT)
+        return fingerprint, attributes if self.attributes else fingerprint
 
 
 @dataclass(frozen=True)

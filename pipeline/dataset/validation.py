@@ -79,9 +79,9 @@ def validated(where: str, kind: type[Kind], content: Any, context: Mapping[str, 
     try:
         return TypeAdapter(kind).validate_json(text, strict=True, context=dict(context or {}))
     except ValidationError as error:
-        found = error.errors(include_url=False)
+        details = error.errors(include_url=False)
         # A misspelt key is also a missing one; its own name says more.
-        first = next((one for one in found if one["type"] in UNKNOWN), found[0])
+        first = next((detail for detail in details if detail["type"] in UNKNOWN), details[0])
         raise _input_error(where, kind, first) from None
 
 
@@ -123,8 +123,8 @@ def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
 
 def own_error(error: InputError) -> PydanticCustomError:
     """Return what a validator raises for an `InputError`, so that it is told with the field's name."""
-    said = {"finding": f"{error.where}: {error.finding}", "remedy": error.remedy}
-    return PydanticCustomError(OWN, "{finding}", said)
+    context = {"finding": f"{error.where}: {error.finding}", "remedy": error.remedy}
+    return PydanticCustomError(OWN, "{finding}", context)
 
 
 def number_of(variable: str, default: float) -> float:
@@ -142,9 +142,9 @@ def number_of(variable: str, default: float) -> float:
     raise InputError(variable, f"{text!r} is no number from 0 on", "Correct it, or leave it out.")
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
+def did_you_mean(name: str, names: Iterable[str], otherwise: str) -> str:
     """Return a question after the nearest of the known names; `otherwise` where none is near."""
-    near = difflib.get_close_matches(name, known, 1, 0.5)
+    near = difflib.get_close_matches(name, names, 1, 0.5)
     return f"Did you mean {near[0]}?" if near else otherwise
 
 
@@ -154,9 +154,9 @@ def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
         return InputError(where, f"{name}: {error['ctx']['finding']}", error["ctx"]["remedy"])
     if error["type"] in UNKNOWN:
         *section, key = error["loc"]
-        known = _fields(kind, section)
-        dotted = [_dotted([*section, one]) for one in known]
-        remedy = did_you_mean(_dotted([*section, str(key)]), dotted, f"Known are {', '.join(known)}.")
+        fields = _fields(kind, section)
+        dotted = [_dotted([*section, field]) for field in fields]
+        remedy = did_you_mean(_dotted([*section, str(key)]), dotted, f"Known are {', '.join(fields)}.")
         return InputError(where, f"unknown key {name}", remedy)
     if error["type"] in MISSING:
         what = "value" if isinstance(error["loc"][-1], int) else "key"
@@ -165,12 +165,12 @@ def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
         finding = f"{name} is {value!r}" if name else "holds no keys"
         return InputError(where, finding, "It must be a section with keys.")
     rule = error["msg"].removeprefix("Value error, ").rstrip(".")
-    shown = repr(value)
-    shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[:LONGEST_SHOWN]}..."
+    excerpt = repr(value)
+    excerpt = excerpt if len(excerpt) <= LONGEST_SHOWN else f"{excerpt[:LONGEST_SHOWN]}..."
     remedy = f"{rule.replace('Input should be', 'It must be')}."
     if error["type"] == "float_type" and isinstance(value, str):
         remedy += " YAML reads 1e-3 as text: write 1.0e-3, not 1e-3."
-    return InputError(where, f"{name} is {shown}", remedy)
+    return InputError(where, f"{name} is {excerpt}", remedy)
 
 
 def _dotted(parts: Sequence[str | int]) -> str:

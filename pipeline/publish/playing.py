@@ -74,8 +74,8 @@ def play(
         seed=seed,
         block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
     )
-    shown = recorded(sound, opened.sight(simulation), camera, seconds, resolution)
-    peak_pa = write_clip(output, shown, resolution)
+    frames = recorded(sound, opened.sight(simulation), camera, seconds, resolution)
+    peak_pa = write_clip(output, frames, resolution)
     return ClipSummary(str(output), len(sound.impacts), float(peak_pa), float(listening_gain(peak_pa)))
 
 

@@ -23,7 +23,8 @@ def croissant_text(data_set: DataSet, root: Path, folder: Path) -> str:
     """Return the JSON-LD of a data set at `root` for a file in `folder`: equal data sets give equal bytes."""
     publication, objects = data_set.publication, data_set.objects
     base = publication.files_url.rstrip("/") or Path(os.path.relpath(root, folder)).as_posix()
-    licences = sorted({one.licence for one in objects if one.licence.stated}, key=lambda one: one.label)
+    stated_licences = {entry.licence for entry in objects if entry.licence.stated}
+    licences = sorted(stated_licences, key=lambda licence: licence.label)
     metadata = {
         "@context": json.loads(CONTEXT.read_text()),
         "@type": "sc:Dataset",
@@ -60,15 +61,15 @@ def _distribution(objects: Sequence[PublishedObject], base: str) -> list[Node]:
     files = [
         _node(
             "FileObject",
-            f"file/{one.id}",
-            Path(one.object_file).name,
-            f"Object File of {one.id} (safetensors)",
-            contentSize=f"{one.bytes} B",
-            contentUrl=f"{base}/{one.object_file}",
+            f"file/{entry.id}",
+            Path(entry.object_file).name,
+            f"Object File of {entry.id} (safetensors)",
+            contentSize=f"{entry.bytes} B",
+            contentUrl=f"{base}/{entry.object_file}",
             encodingFormat=BINARY,
-            sha256=one.sha256,
+            sha256=entry.sha256,
         )
-        for one in objects
+        for entry in objects
     ]
     together = _node(
         "FileSet",
@@ -84,7 +85,7 @@ def _distribution(objects: Sequence[PublishedObject], base: str) -> list[Node]:
 
 def _objects(data_set: DataSet) -> Node:
     """Return every number known of each object, inline: in a table, 007 is a number and NA is none."""
-    rows = [_row(one) for one in data_set.objects]
+    rows = [_row(entry) for entry in data_set.objects]
     columns = dict.fromkeys(column for row in rows for column in row)
     return _node(
         "RecordSet",
@@ -123,7 +124,7 @@ def _object_files() -> Node:
     return _node("RecordSet", "object_files", "object_files", description, field=fields)
 
 
-def _row(one: PublishedObject) -> dict[str, str | float | None]:
-    texts = {name: getattr(one, name) for name in TEXTS} | {"licence": one.licence.stated}
-    figures = {column: text for column, text in one.figures.items() if column not in texts}
+def _row(entry: PublishedObject) -> dict[str, str | float | None]:
+    texts = {name: getattr(entry, name) for name in TEXTS} | {"licence": entry.licence.stated}
+    figures = {column: text for column, text in entry.figures.items() if column not in texts}
     return texts | {column: float(text) if text else None for column, text in figures.items()}

@@ -36,17 +36,19 @@ def card_text(data_set: DataSet, root: Path, folder: Path) -> str:
     environment.filters |= {"escape": escape, "yaml": _yaml}
     objects = data_set.objects
     costs = {
-        stage: [float(text) for one in objects if (text := one.figures.get(f"cpu_seconds.{stage}"))]
+        stage: [float(text) for entry in objects if (text := entry.figures.get(f"cpu_seconds.{stage}"))]
         for stage in STAGES
     }
     return environment.get_template("data_card.md.j2").render(
         front=_front_matter(data_set, reports),
         data_set=data_set,
         counted=counted,
-        materials=Counter(sorted(one.material for one in objects)).most_common(),
+        materials=Counter(sorted(entry.material for entry in objects)).most_common(),
         licences=_licences(data_set),
         splits=OBJECT_SPLITS,
-        measures=[one for one in REPORTED if number_at(data_set.metrics, f"{one.key}.mean") is not None],
+        measures=[
+            measure for measure in REPORTED if number_at(data_set.metrics, f"{measure.key}.mean") is not None
+        ],
         costs={stage: seconds for stage, seconds in costs.items() if seconds},
         limits=LIMITS,
         reports=reports,
@@ -61,7 +63,7 @@ def escape(text: str) -> str:
 def citation_text(data_set: DataSet) -> str:
     """Return CITATION.cff 1.2.0: the data set; as references its sources and the software that made it."""
     publication = data_set.publication
-    spdx = {one.licence.spdx for one in data_set.objects}
+    spdx = {entry.licence.spdx for entry in data_set.objects}
     software = {
         "type": "software",
         "title": SOFTWARE,
@@ -100,7 +102,7 @@ def _front_matter(data_set: DataSet, reports: str) -> dict[str, Any]:
         "license_link": "#sources-licences-attributions" if others else "",
         "size_categories": [next((name for most, name in SIZE_CATEGORIES if count < most), "n>1M")],
         "tags": list(TAGS),
-        "configs": [table] if any(one.figures for one in data_set.objects) else [],
+        "configs": [table] if any(entry.figures for entry in data_set.objects) else [],
     }
     return {key: value for key, value in front.items() if value}
 
@@ -108,7 +110,7 @@ def _front_matter(data_set: DataSet, reports: str) -> dict[str, Any]:
 def _licences(data_set: DataSet) -> list[tuple[Licence, int]]:
     """Return every licence, the absence of one included, with its number of objects, most first."""
     return Counter(
-        one.licence for one in sorted(data_set.objects, key=lambda one: one.licence.label)
+        entry.licence for entry in sorted(data_set.objects, key=lambda entry: entry.licence.label)
     ).most_common()
 
 
@@ -125,6 +127,6 @@ def _reference(objects: list[PublishedObject]) -> dict[str, Any]:
         "type": "data",
         "title": objects[0].source or "Source not stated",
         "authors": [{"name": objects[0].attribution or "anonymous"}],
-        "notes": f"{licence.label}; objects {', '.join(one.id for one in objects)}",
+        "notes": f"{licence.label}; objects {', '.join(entry.id for entry in objects)}",
     }
     return reference | ({"license": licence.spdx} if licence.spdx else {})

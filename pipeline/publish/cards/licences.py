@@ -30,8 +30,8 @@ class Licence:
         text = " ".join(text.split())
         if text.casefold() in NOT_STATED:
             return cls("")
-        meant = spdx(text) or likely_spdx(text)
-        return cls(meant if meant in HUGGING_FACE else text)
+        identifier = spdx(text) or likely_spdx(text)
+        return cls(identifier if identifier in HUGGING_FACE else text)
 
     @property
     def spdx(self) -> str:

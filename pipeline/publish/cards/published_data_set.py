@@ -127,13 +127,13 @@ class DataSet:
     @property
     def version(self) -> str:
         """The publisher's version, and a digest of ids and Object Files: other files, another version."""
-        content = canonical_json([[one.id, one.sha256] for one in self.objects])
+        content = canonical_json([[entry.id, entry.sha256] for entry in self.objects])
         return f"{self.publication.version}+{hashlib.sha256(content.encode()).hexdigest()[:12]}"
 
     @property
     def unstated(self) -> int:
         """How many objects have no stated licence."""
-        return sum(not one.licence.stated for one in self.objects)
+        return sum(not entry.licence.stated for entry in self.objects)
 
     @property
     def description(self) -> str:
@@ -163,8 +163,8 @@ class DataSet:
     def sources(self) -> list[list[PublishedObject]]:
         """Return the objects in groups of one source, licence and attribution, the largest group first."""
         groups: dict[tuple[str, str, str], list[PublishedObject]] = {}
-        for one in self.objects:
-            groups.setdefault((one.source, one.licence.label, one.attribution), []).append(one)
+        for entry in self.objects:
+            groups.setdefault((entry.source, entry.licence.label, entry.attribution), []).append(entry)
         return [groups[key] for key in sorted(groups, key=lambda key: (-len(groups[key]), key))]
 
 
@@ -183,17 +183,19 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     """
     records = read_records(root)
     figures = _figures(folder / PER_OBJECT)
-    made = [name for name in sorted(records.rows) if OBJECT_FILES.path(root, name).is_file()]
-    failed = {one.object_id: FailedObject.of("objects", one) for one in records.refused}
-    failed |= {one.object: one for one in reversed(read_failures(root))}  # the first stage counts
-    unmade = sorted(records.listed.difference(made))
+    object_ids = [name for name in sorted(records.rows) if OBJECT_FILES.path(root, name).is_file()]
+    failed = {failure.object_id: FailedObject.of("objects", failure) for failure in records.refused}
+    failed |= {failure.object: failure for failure in reversed(read_failures(root))}  # the first stage counts
+    unmade = sorted(records.listed.difference(object_ids))
     parameters, verified = read_parameters(root / PARAMETERS), Verified(root)
     return DataSet(
         validated(PUBLICATION, Publication, _read(root / PUBLICATION)),
-        tuple(_object(root, name, records.rows[name], figures.get(name, {}), verified) for name in made),
+        tuple(
+            _object(root, name, records.rows[name], figures.get(name, {}), verified) for name in object_ids
+        ),
         tuple(failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade),
         _read(folder / METRICS),
-        _definitions(root, made),
+        _definitions(root, object_ids),
         parameters.size,
         parameters.seed,
         read_yaml(root / PARAMETERS)["sizes"][parameters.size],

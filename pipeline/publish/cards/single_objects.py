@@ -77,12 +77,12 @@ def get(
         raise InputError(min(unknown), "no products of this name", f"There are {', '.join(KINDS)}.")
 
     with opened(repository, remote) as published, ThreadPoolExecutor(max_workers=jobs) as pool:
-        wanted = []
+        downloads = []
         for kind in (KINDS[stage] for stage in stages or (OBJECT_FILES.name,)):
             place = folder / kind.folder if stages else folder
             chosen = published.chosen(kind, object_ids)
-            wanted += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in chosen.items()]
-        yield from pool.map(lambda product: _fetch(published.stores, progress, *product), wanted)
+            downloads += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in chosen.items()]
+        yield from pool.map(lambda product: _fetch(published.stores, progress, *product), downloads)
 
 
 @contextlib.contextmanager
@@ -114,7 +114,7 @@ def opened(repository: str, remote: str = "") -> Iterator["PublishedRevision"]:
                 opening = opened_folder(Repo.find_root(address), revision)
             except NotDvcRepoError:  # a URL, or a bare repository
                 opening = opened_clone(address, revision)
-            made = stack.enter_context(opening)
+            data_set = stack.enter_context(opening)
         except RevError as error:
             finding, remedy = f"no revision {revision!r}", "Name a branch, tag or commit of it."
             raise InputError(address, finding, remedy) from error
@@ -122,7 +122,7 @@ def opened(repository: str, remote: str = "") -> Iterator["PublishedRevision"]:
             cause = str(error.__cause__ or error).strip().replace("\n", " ")
             remedy = "Name the path or URL of a data set: a git repository under DVC."
             raise InputError(repository, f"cannot be opened ({cause})", remedy) from error
-        yield PublishedRevision(repository, made, remote)
+        yield PublishedRevision(repository, data_set, remote)
 
 
 def split_revision(repository: str) -> tuple[str, str | None]:
@@ -172,9 +172,9 @@ class PublishedRevision:
             raise InputError(self.name, f"this revision has no {kind.folder}", remedy)
         files = self.stores.folder(digest, f"{self.name}, {kind.folder}")
         products = [name for name in files if name.endswith(kind.suffix)]
-        named = {name.removesuffix(kind.suffix): files[name] for name in products}
+        digests = {name.removesuffix(kind.suffix): files[name] for name in products}
         # The list is not trusted: a name in it must not lead out of a folder.
-        return {object_id: md5 for object_id, md5 in named.items() if SAFE_ID.fullmatch(object_id)}
+        return {object_id: md5 for object_id, md5 in digests.items() if SAFE_ID.fullmatch(object_id)}
 
     def chosen(self, kind: ProductKind, object_ids: Sequence[str]) -> dict[str, str]:
         """Return `products` of these objects, or of all if none is named.
@@ -184,14 +184,14 @@ class PublishedRevision:
         InputError
             An object without such a product; see `products` for others.
         """
-        known = self.products(kind)
+        products = self.products(kind)
         for object_id in object_ids:
-            if object_id not in known:
-                near = difflib.get_close_matches(object_id, known, n=3, cutoff=0.4)
-                count = f"It has {len(known)}, as {', '.join(sorted(known)[:5])}."
+            if object_id not in products:
+                near = difflib.get_close_matches(object_id, products, n=3, cutoff=0.4)
+                count = f"It has {len(products)}, as {', '.join(sorted(products)[:5])}."
                 remedy = f"Near are {', '.join(near)}." if near else count
                 raise InputError(self.name, f"no object {object_id!r} in {kind.folder}", remedy)
-        return {object_id: known[object_id] for object_id in object_ids or sorted(known)}
+        return {object_id: products[object_id] for object_id in object_ids or sorted(products)}
 
 
 def _fetch(stores: Stores, progress: Callable[[int], None], object_id: str, md5: str, path: Path) -> Got:
@@ -212,5 +212,5 @@ def _fetch(stores: Stores, progress: Callable[[int], None], object_id: str, md5:
         return Got(object_id, path, FAILED, error)
     except OSError as error:  # of the folder it is written to: errors of stores are handled above
         finding = f"cannot be written ({error.strerror or error})"
-        said = InputError(str(path), finding, "Check space and permissions of the folder.")
-        return Got(object_id, path, FAILED, said)
+        problem = InputError(str(path), finding, "Check space and permissions of the folder.")
+        return Got(object_id, path, FAILED, problem)

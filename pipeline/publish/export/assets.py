@@ -69,7 +69,7 @@ def compose_scene(
     """Write a scene file, and the asset of each object in a folder beside it."""
     kind = format_of_scene(output)
     products = {name: find_products(name, root) for name in names}
-    assets = {name: _asset(one, options) for name, one in products.items()}
+    assets = {name: _asset(product, options) for name, product in products.items()}
     ids = [asset.name for asset in assets.values()]
     if len(set(ids)) < len(ids):
         raise InputError(

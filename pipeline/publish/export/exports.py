@@ -130,18 +130,18 @@ def stored_colours(
 
 def appearance_of(products: ObjectProducts, options: Exporting) -> Appearance:
     """Return roughness and metallic as asked, as rendered, or as the materials table has them."""
-    known: dict[str, Any] = {}
+    appearance: dict[str, Any] = {}
     if products.views is not None:
-        known = dict(read_attributes(products.views)["appearance"])
+        appearance = dict(read_attributes(products.views)["appearance"])
     elif products.record is not None:
-        known = dict(products.record["appearance"])
+        appearance = dict(products.record["appearance"])
     elif products.object_file is not None:
         material = json.loads(read_metadata(products.object_file)["material"])
         row = find_material(read_materials(options.materials), material["name"], str(options.materials))
-        known = {"roughness": row.roughness, "metallic": row.metallic}
-    asked = {"roughness": options.roughness, "metallic": options.metallic}
-    known |= {name: value for name, value in asked.items() if value is not None}
-    for name in asked:
-        if name not in known:
+        appearance = {"roughness": row.roughness, "metallic": row.metallic}
+    overrides = {"roughness": options.roughness, "metallic": options.metallic}
+    appearance |= {name: value for name, value in overrides.items() if value is not None}
+    for name in overrides:
+        if name not in appearance:
             raise InputError(products.object_id, f"its {name} is not known", f"Give --{name}.")
-    return Appearance(**known)
+    return Appearance(**appearance)

@@ -71,29 +71,29 @@ def find_products(name: str, root: Path) -> ObjectProducts:
         Nothing of that name.
     """
     path = Path(name)
-    named: dict[str, Any] = {}
+    paths: dict[str, Any] = {}
     object_id = name
     if path.is_file():
         kind = _kind(path)
         if kind == "mesh":
             return ObjectProducts(path.stem, mesh=path)
         object_id = path.name.removesuffix(KINDS[kind].suffix)
-        named[kind] = path
+        paths[kind] = path
         if path.parent.name != KINDS[kind].name:
-            return ObjectProducts(object_id, **named)
+            return ObjectProducts(object_id, **paths)
         root = path.resolve().parents[2]
     elif path.suffix or path.parent != Path("."):
         raise InputError(name, "no such file", "Check the path.")
-    for kind, known in KINDS.items():
-        beside = known.path(root, object_id)
+    for kind, product_kind in KINDS.items():
+        beside = product_kind.path(root, object_id)
         if beside.is_file():
-            named.setdefault(kind, beside)
-    if not named:
+            paths.setdefault(kind, beside)
+    if not paths:
         ids = VIEWS.object_ids(root)
         remedy = f"Use one of {', '.join(ids)}." if ids else "Give the data set by --root, or a path."
         raise InputError(object_id, f"no product of it in {root / 'data'}", remedy)
     record = read_records(root).rows.get(object_id) if (root / RECORDS).is_file() else None
-    return ObjectProducts(object_id, **named, record=record)
+    return ObjectProducts(object_id, **paths, record=record)
 
 
 def _kind(path: Path) -> str:

@@ -40,70 +40,70 @@ def sample_queries(
     file = objectfolder.load(path)
     cameras, lights = file.sample_views(views, seed)
     points, normals = file.sample_contacts(contacts, seed, reachable=not anywhere)
-    drawn = np.concatenate([cameras[:, :3, 3], lights], axis=1)
+    queries = np.concatenate([cameras[:, :3, 3], lights], axis=1)
     output.mkdir(parents=True, exist_ok=True)
-    np.save(output / "views.npy", drawn)
+    np.save(output / "views.npy", queries)
     np.save(output / "points.npy", points)
     np.save(output / "forces.npy", -normals)
-    return SampleSummary(folder=str(output), views=len(drawn), contacts=len(points))
+    return SampleSummary(folder=str(output), views=len(queries), contacts=len(points))
 
 
-def render_views(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
+def render_views(path: Path, request: Rendering, output: Path) -> RenderSummary:
     """Render views to PNG, further passes to PNG and .npy."""
-    if wanted.turntable:
-        return _turntable(path, wanted, output)
+    if request.turntable:
+        return _turntable(path, request, output)
     file = objectfolder.load(path)
-    lights = _lights(wanted, file)
-    if not isinstance(wanted.views, Path):
-        count = VIEWS if wanted.views is None else wanted.views
-        cameras, lamps = file.sample_views(count, wanted.seed)
+    lights = _lights(request, file)
+    if not isinstance(request.views, Path):
+        count = VIEWS if request.views is None else request.views
+        cameras, lamps = file.sample_views(count, request.seed)
     else:
         columns = (6,) if lights is None else (3, 6)
-        views = _read_numbers(wanted.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
-        positions = _in_object_frame(views.reshape(len(views), -1, 3), wanted, file)
+        views = _read_numbers(request.views, columns, remedy="Give an (n, 6) array, or (n, 3) with --light.")
+        positions = _in_object_frame(views.reshape(len(views), -1, 3), request, file)
         cameras, lamps = look_at(positions[:, 0], file.frame.centre), positions[:, -1]
     output.mkdir(parents=True, exist_ok=True)
     for index, (camera, lamp) in enumerate(zip(cameras, lamps, strict=True)):
-        drawn = file.render_passes(
+        passes = file.render_passes(
             camera,
-            ["image", *wanted.passes],
+            ["image", *request.passes],
             lamp if lights is None else lights,
-            wanted.resolution,
-            field_of_view_deg=wanted.field_of_view_deg,
-            sub_rays=wanted.sub_rays,
-            crop=wanted.crop,
+            request.resolution,
+            field_of_view_deg=request.field_of_view_deg,
+            sub_rays=request.sub_rays,
+            crop=request.crop,
         )
-        Image.fromarray(drawn["image"][0]).save(output / f"{index:04d}.png")
-        for name in wanted.passes:
+        Image.fromarray(passes["image"][0]).save(output / f"{index:04d}.png")
+        for name in request.passes:
             if name == "mask":
-                Image.fromarray(drawn[name][0].astype(np.uint8) * 255).save(output / f"{index:04d}_mask.png")
+                Image.fromarray(passes[name][0].astype(np.uint8) * 255).save(output / f"{index:04d}_mask.png")
             else:
-                np.save(output / f"{index:04d}_{name}.npy", drawn[name][0])
-    return _summary(file, wanted, output, len(cameras))
+                np.save(output / f"{index:04d}_{name}.npy", passes[name][0])
+    return _summary(file, request, output, len(cameras))
 
 
-def _summary(file: ObjectFile, wanted: Rendering, output: Path, images: int) -> RenderSummary:
-    _, _, height, width = wanted.crop or (0, 0, wanted.resolution, wanted.resolution)
+def _summary(file: ObjectFile, request: Rendering, output: Path, images: int) -> RenderSummary:
+    _, _, height, width = request.crop or (0, 0, request.resolution, request.resolution)
     return RenderSummary(
         folder=str(output),
         images=images,
         height=height,
         width=width,
-        passes=wanted.passes,
-        lights=len(wanted.light),
-        turntable=wanted.turntable,
+        passes=request.passes,
+        lights=len(request.light),
+        turntable=request.turntable,
     )
 
 
-def _turntable(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
+def _turntable(path: Path, request: Rendering, output: Path) -> RenderSummary:
     """Write pictures from all round, and a GIF that turns the object once in three seconds."""
-    if isinstance(wanted.views, Path) or wanted.light or wanted.environment or wanted.passes:
+    if isinstance(request.views, Path) or request.light or request.environment or request.passes:
         finding = "has its own cameras and light"
         raise InputError("--turntable", finding, "Give a number of --views with it, and no light or passes.")
     file = objectfolder.load(path)
-    count = FRAMES if wanted.views is None else wanted.views
+    count = FRAMES if request.views is None else request.views
     output.mkdir(parents=True, exist_ok=True)
-    pictures = [Image.fromarray(one) for one in file.pictures(count, wanted.resolution)]
+    pictures = [Image.fromarray(pixels) for pixels in file.pictures(count, request.resolution)]
     for index, picture in enumerate(pictures):
         picture.save(output / f"{index:04d}.png")
     if pictures:
@@ -111,12 +111,12 @@ def _turntable(path: Path, wanted: Rendering, output: Path) -> RenderSummary:
         pictures[0].save(
             output / "turntable.gif", save_all=True, append_images=pictures[1:], duration=pause_ms, loop=0
         )
-    return _summary(file, wanted, output, len(pictures))
+    return _summary(file, request, output, len(pictures))
 
 
 def strike_points(
     path: Path,
-    wanted: Striking,
+    request: Striking,
     output: Path,
     pulse_s: float | None,
     striker: tuple[str, float, float] | Beater | None,
@@ -127,69 +127,69 @@ def strike_points(
     (m), mass (kg), or its name.
     """
     file = objectfolder.load(path)
-    if striker is None and pulse_s is None and wanted.forces is None:
+    if striker is None and pulse_s is None and request.forces is None:
         striker = "wood"
     body: ContactBody | str | None = None
     if isinstance(striker, str) and striker != "impulse":
         body = striker
     elif isinstance(striker, tuple):
         name, radius_m, mass_kg = striker
-        material = find_material(read_materials(wanted.materials), name, str(wanted.materials))
+        material = find_material(read_materials(request.materials), name, str(request.materials))
         body = ContactBody(material.youngs_modulus_pa, material.poisson_ratio, radius_m, mass_kg)
-    points, normals = _contacts(file, wanted.points, wanted.seed, reachable=False)
-    impulses, forces = _pushes(normals, wanted.forces)
+    points, normals = _contacts(file, request.points, request.seed, reachable=False)
+    impulses, forces = _pushes(normals, request.forces)
     velocities = None
-    if body and wanted.forces is None:
-        speed_m_s = real("--speed", wanted.speed_m_s, *SPEEDS_M_S, " m/s")
+    if body and request.forces is None:
+        speed_m_s = real("--speed", request.speed_m_s, *SPEEDS_M_S, " m/s")
         impulses, velocities = None, -speed_m_s * normals
     strikes = functools.partial(
         file.strikes,
         points,
         impulses,
-        duration_s=wanted.duration_s,
-        sample_rate_hz=wanted.sample_rate_hz,
+        duration_s=request.duration_s,
+        sample_rate_hz=request.sample_rate_hz,
         forces_n=forces,
         velocities_m_s=velocities,
         pulse=body or pulse_s,
-        listener=np.array(wanted.listener) if wanted.listener else None,
-        support=None if wanted.support == "free" else wanted.support,
+        listener=np.array(request.listener) if request.listener else None,
+        support=None if request.support == "free" else request.support,
     )
     peak = max((float(np.abs(sounds).max(initial=0.0)) for _, sounds in strikes()), default=0.0)
-    gain = listening_gain(peak) if wanted.gain is None else wanted.gain
+    gain = listening_gain(peak) if request.gain is None else request.gain
     output.mkdir(parents=True, exist_ok=True)
     for rows, sounds in strikes():  # again: all at once need not fit in memory
         for index, sound in zip(range(rows.start, rows.stop), sounds, strict=True):
-            write_wav(output / f"{index:04d}.wav", sound, sample_rate_hz=wanted.sample_rate_hz, gain=gain)
+            write_wav(output / f"{index:04d}.wav", sound, sample_rate_hz=request.sample_rate_hz, gain=gain)
     return StrikeSummary(
         folder=str(output),
         sounds=len(points),
-        duration_s=wanted.duration_s,
-        sample_rate_hz=wanted.sample_rate_hz,
+        duration_s=request.duration_s,
+        sample_rate_hz=request.sample_rate_hz,
         peak=peak,
-        unit="Pa" if wanted.listener else "m/s",
+        unit="Pa" if request.listener else "m/s",
         gain=float(gain),
-        gain_by_peak=wanted.gain is None,
+        gain_by_peak=request.gain is None,
     )
 
 
 def press_points(
-    path: Path, wanted: Pressing, output: Path, depth_m: float | None, force_n: float | None
+    path: Path, request: Pressing, output: Path, depth_m: float | None, force_n: float | None
 ) -> PressSummary:
     """Write an image of each touch, depth.npy and labels.json; a force makes the gel elastic."""
     file = objectfolder.load(path)
     sensor = file.touch.sensor
-    resolution = wanted.resolution or (sensor.image_height, sensor.image_width)
+    resolution = request.resolution or (sensor.image_height, sensor.image_width)
     touches = file.press(
-        _contacts(file, wanted.points, wanted.seed, reachable=not wanted.anywhere)[0],
+        _contacts(file, request.points, request.seed, reachable=not request.anywhere)[0],
         depth_m,
-        wanted.tilt_deg,
-        wanted.azimuth_deg,
-        roll_deg=wanted.roll_deg,
+        request.tilt_deg,
+        request.azimuth_deg,
+        roll_deg=request.roll_deg,
         force_n=force_n,
-        contact=wanted.contact,
+        contact=request.contact,
         resolution=resolution,
-        background=_background(wanted, sensor.at_resolution(*resolution)),
-        noise_seed=wanted.noise_seed,
+        background=_background(request, sensor.at_resolution(*resolution)),
+        noise_seed=request.noise_seed,
     )
     output.mkdir(parents=True, exist_ok=True)
     for index, image in enumerate(touches.rgb):
@@ -220,12 +220,12 @@ def _read_numbers(
 
 
 def _contacts(
-    file: ObjectFile, wanted: int | Path, seed: int, *, reachable: bool
+    file: ObjectFile, count_or_path: int | Path, seed: int, *, reachable: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return contacts (n, 3), drawn or read, and the outward unit normals there."""
-    if isinstance(wanted, int):
-        return file.sample_contacts(wanted, seed, reachable=reachable)
-    points = _read_numbers(wanted, (3,))
+    if isinstance(count_or_path, int):
+        return file.sample_contacts(count_or_path, seed, reachable=reachable)
+    points = _read_numbers(count_or_path, (3,))
     closest = file.project(points)
     return points, file.surface.normals_at(closest.face, closest.barycentric)
 
@@ -236,22 +236,22 @@ def _pushes(normals: np.ndarray, path: Path | None) -> tuple[np.ndarray | None, 
     return (values, None) if values.ndim == 2 else (None, values)
 
 
-def _in_object_frame(positions: np.ndarray, wanted: Rendering, file: ObjectFile) -> np.ndarray:
-    return positions if wanted.frame == "object" else file.frame.to_object(positions)
+def _in_object_frame(positions: np.ndarray, request: Rendering, file: ObjectFile) -> np.ndarray:
+    return positions if request.frame == "object" else file.frame.to_object(positions)
 
 
-def _lights(wanted: Rendering, file: ObjectFile) -> Lamps | Environment | None:
+def _lights(request: Rendering, file: ObjectFile) -> Lamps | Environment | None:
     """Return the lamps or the environment of all views; None where the views have lamps of their own."""
-    if wanted.light and wanted.environment is not None:
+    if request.light and request.environment is not None:
         raise InputError("--light", "beside --environment", "Give one of them.")
-    if wanted.environment is not None:
-        return Environment.of(_environment(wanted.environment))
-    if not wanted.light:
+    if request.environment is not None:
+        return Environment.of(_environment(request.environment))
+    if not request.light:
         return None
-    lights = np.array(wanted.light, dtype=np.float64).reshape(-1, 6)
+    lights = np.array(request.light, dtype=np.float64).reshape(-1, 6)
     if not np.isfinite(lights).all():
-        raise InputError("--light", f"{wanted.light} is not finite", "Give X Y Z R G B as numbers.")
-    return Lamps(_in_object_frame(lights[:, :3], wanted, file)[None], lights[:, 3:])
+        raise InputError("--light", f"{request.light} is not finite", "Give X Y Z R G B as numbers.")
+    return Lamps(_in_object_frame(lights[:, :3], request, file)[None], lights[:, 3:])
 
 
 def _environment(path: Path) -> np.ndarray:
@@ -267,16 +267,16 @@ def _environment(path: Path) -> np.ndarray:
     return np.asarray(image[..., 2::-1], dtype=np.float64)
 
 
-def _background(wanted: Pressing, sensor: Any) -> np.ndarray | None:
+def _background(request: Pressing, sensor: Any) -> np.ndarray | None:
     """Return the image (height, width, 3) to lay touches over, at the resolution of the sensor."""
-    if not wanted.background:
+    if not request.background:
         return None
-    if wanted.background == "synthetic":
-        return synthetic_background(sensor, wanted.noise_seed or 0)
+    if request.background == "synthetic":
+        return synthetic_background(sensor, request.noise_seed or 0)
     try:
-        with Image.open(wanted.background) as image:
+        with Image.open(request.background) as image:
             size = (sensor.image_width, sensor.image_height)
             return np.asarray(image.convert("RGB").resize(size, Image.Resampling.BILINEAR))
     except OSError as error:
         finding = f"not an image ({error})"
-        raise InputError(wanted.background, finding, "Give a picture for --background.") from error
+        raise InputError(request.background, finding, "Give a picture for --background.") from error

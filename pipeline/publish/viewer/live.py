@@ -113,13 +113,13 @@ class Query(Guarded):
     async def post(self) -> None:
         """Answer JSON: the length of a JSON header in four bytes, the header, the bytes."""
         if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
-            raise HTTPError(415, reason="application/json is wanted")
+            raise HTTPError(415, reason="the Content-Type must be application/json")
         try:
-            asked = json.loads(self.request.body)
-            if not isinstance(asked, dict):
+            query = json.loads(self.request.body)
+            if not isinstance(query, dict):
                 raise ValueError("not a JSON object")
             number = int(self.get_query_argument("object", "0"))
-            self._answering = self._threads.submit(self._answer, number, asked)
+            self._answering = self._threads.submit(self._answer, number, query)
             header, payload = await asyncio.wrap_future(self._answering)
         except asyncio.CancelledError:  # dropped
             return
@@ -237,11 +237,11 @@ def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:
     InputError
         A port that cannot be had, or a folder without Object Files.
     """
-    found = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
-    if not found:
+    files = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
+    if not files:
         raise InputError(" ".join(map(str, paths)) or "FILE", f"no Object File ({FILES_OF})", "Name one.")
     one_thread_each()
-    serve_until_stopped(paths[0], page_of_objects(LiveObjects(found)), port, open_browser)
+    serve_until_stopped(paths[0], page_of_objects(LiveObjects(files)), port, open_browser)
 
 
 def is_shared() -> bool:
@@ -263,7 +263,7 @@ def one_thread_each() -> None:
     threadpool_limits(1)
 
 
-def serve_until_stopped(shown: Path, page: Page, port: int, open_browser: bool) -> None:
+def serve_until_stopped(subject: Path, page: Page, port: int, open_browser: bool) -> None:
     """Serve a page of something until Ctrl-C.
 
     Raises
@@ -277,7 +277,7 @@ def serve_until_stopped(shown: Path, page: Page, port: int, open_browser: bool) 
         stopped = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(number, stopped.set)
-        print(f"{shown}: {server.address} (Ctrl-C ends it)", flush=True)
+        print(f"{subject}: {server.address} (Ctrl-C ends it)", flush=True)
         if open_browser:
             # Some browsers return when they are closed: nothing waits for them.
             threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()

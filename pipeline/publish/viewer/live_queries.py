@@ -39,14 +39,14 @@ class LiveObject:
 
     def object(self, _: Mapping[str, Any]) -> Answer:
         """Return what the page shows and needs before the first query."""
-        file, said = self.file, self.file.description
+        file, description = self.file, self.file.description
         facts = {
-            "id": said["object"].get("id"),
+            "id": description["object"].get("id"),
             "file": self.path,
-            "name": said["object"].get("name") or Path(self.path).name,
-            "licence": said["object"].get("licence"),
-            "attribution": said["object"].get("attribution"),
-            "material": (said["material"] or {}).get("name"),
+            "name": description["object"].get("name") or Path(self.path).name,
+            "licence": description["object"].get("licence"),
+            "attribution": description["object"].get("attribution"),
+            "material": (description["material"] or {}).get("name"),
             "sides_m": np.ptp(file.surface.bounds, axis=0).tolist(),
             "frame": file.frame.to_dict(),
             "reach": float(np.linalg.norm(file.frame.to_unit(file.surface.vertices), axis=1).max()),
@@ -58,68 +58,68 @@ class LiveObject:
         }
         return facts, b""
 
-    def render(self, asked: Mapping[str, Any]) -> Answer:
+    def render(self, query: Mapping[str, Any]) -> Answer:
         """Return rows of an image of ``resolution``, from ``camera_to_world``.
 
         It is lit by the lamp at ``light_position`` or, where that is null, in a ``studio``. ``rows`` are the
         first and their number; null for all. ``sub_rays`` may be null, too. The bytes are
         (rows, resolution, 3).
         """
-        resolution = int(number_of(asked, "resolution", 1, MOST_PIXELS))
-        sub_rays = asked.get("sub_rays")
-        rays = None if sub_rays is None else int(number_of(asked, "sub_rays", 1, 1024))
+        resolution = int(number_of(query, "resolution", 1, MOST_PIXELS))
+        sub_rays = query.get("sub_rays")
+        rays = None if sub_rays is None else int(number_of(query, "sub_rays", 1, 1024))
         crop = None
-        if asked.get("rows") is not None:
-            first, count = (int(value) for value in numbers_of(asked, "rows", (2,)))
+        if query.get("rows") is not None:
+            first, count = (int(value) for value in numbers_of(query, "rows", (2,)))
             crop = (first, 0, count, resolution)
-        camera = numbers_of(asked, "camera_to_world", (4, 4))
-        if asked.get("light_position") is None:
-            studio = str(asked.get("studio"))
+        camera = numbers_of(query, "camera_to_world", (4, 4))
+        if query.get("light_position") is None:
+            studio = str(query.get("studio"))
             image = self.file.pictures(camera, resolution, studio=studio, sub_rays=rays, crop=crop)[0]
         else:
-            lamp = numbers_of(asked, "light_position", (3,))
+            lamp = numbers_of(query, "light_position", (3,))
             image = self.file.render(camera, lamp, resolution, sub_rays=rays, crop=crop)[0]
         return {"resolution": resolution}, image.tobytes()
 
-    def strike(self, asked: Mapping[str, Any]) -> Answer:
+    def strike(self, query: Mapping[str, Any]) -> Answer:
         """Strike where a ray (``origin``, ``direction``) meets the object.
 
         ``along`` may be null, for the direction into the surface; ``duration`` is in seconds, ``sample_rate``
         in hertz. The header says ``missed``, or point, normal and impulse; the bytes are float32 m/s.
         """
-        impulse = number_of(asked, "impulse", 0, 1000)
-        duration = number_of(asked, "duration", 1e-3, LONGEST_S)
-        rate = number_of(asked, "sample_rate", *RATES_HZ)
-        along = None if asked.get("along") is None else numbers_of(asked, "along", (3,))
-        met = self._met(asked)
-        if met is None:
+        impulse = number_of(query, "impulse", 0, 1000)
+        duration = number_of(query, "duration", 1e-3, LONGEST_S)
+        rate = number_of(query, "sample_rate", *RATES_HZ)
+        along = None if query.get("along") is None else numbers_of(query, "along", (3,))
+        hit = self._hit(query)
+        if hit is None:
             return {"missed": True}, b""
-        point, normal = met
+        point, normal = hit
         push = -normal if along is None else along / _length(along, "along")
         force = impulse * push
         sound = self.file.strike(point, force, duration, rate)[0]
         header = {"point": point.tolist(), "normal": normal.tolist(), "impulse": force.tolist()}
         return header, sound.astype("<f4").tobytes()
 
-    def partials(self, asked: Mapping[str, Any]) -> Answer:
+    def partials(self, query: Mapping[str, Any]) -> Answer:
         """Return the amplitude (m/s) that an ``impulse`` (N s) at a ``point`` gives each mode.
 
         Apart from `strike`: what is heard does not wait for what is then drawn.
         """
-        point, impulse = numbers_of(asked, "point", (3,)), numbers_of(asked, "impulse", (3,))
+        point, impulse = numbers_of(query, "point", (3,)), numbers_of(query, "impulse", (3,))
         return {"amplitudes": self.file.mode_velocities(point, impulse)[0].tolist()}, b""
 
-    def press(self, asked: Mapping[str, Any]) -> Answer:
+    def press(self, query: Mapping[str, Any]) -> Answer:
         """Press the sensor by ``depth`` where a ray meets the object, at ``tilt`` and ``azimuth``.
 
         The header says ``missed``, or point, normal, size and labels; the bytes are RGB, then float32 metres
         of indentation.
         """
-        depth, tilt, azimuth = (float(numbers_of(asked, name, ())) for name in ("depth", "tilt", "azimuth"))
-        met = self._met(asked)
-        if met is None:
+        depth, tilt, azimuth = (float(numbers_of(query, name, ())) for name in ("depth", "tilt", "azimuth"))
+        hit = self._hit(query)
+        if hit is None:
             return {"missed": True}, b""
-        point, normal = met
+        point, normal = hit
         touch = self.file.press(point, depth, tilt, azimuth)
         height, width = touch.depth_m.shape[1:]
         return {
@@ -144,9 +144,9 @@ class LiveObject:
         self.file.surface.ray_hits(points + normals, -normals)
         self.file.press(points)
 
-    def _met(self, asked: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
+    def _hit(self, query: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray] | None:
         """Return where a ray meets the object, and the normal there on the side it comes from."""
-        origin, direction = numbers_of(asked, "origin", (3,)), numbers_of(asked, "direction", (3,))
+        origin, direction = numbers_of(query, "origin", (3,)), numbers_of(query, "direction", (3,))
         _length(direction, "direction")
         surface = self.file.surface
         hits = surface.ray_hits(origin[None], direction[None])
@@ -173,18 +173,18 @@ class LiveObjects:
                 self._opened[number] = LiveObject(self._paths[number])
             return self._opened[number]
 
-    def answer(self, question: str, number: int, asked: Mapping[str, Any]) -> Answer:
+    def answer(self, question: str, number: int, query: Mapping[str, Any]) -> Answer:
         """Return what a method of one of them answers, of the first question with the names of all."""
-        header, payload = getattr(self[number], question)(asked)
+        header, payload = getattr(self[number], question)(query)
         if question == "object":
             header["objects"] = [Path(path).stem for path in self._paths]
         return header, payload
 
 
-def numbers_of(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
+def numbers_of(query: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> np.ndarray:
     """Return finite numbers of a question."""
     try:
-        values = np.array(asked[name], dtype=np.float64)
+        values = np.array(query[name], dtype=np.float64)
     except (KeyError, TypeError, ValueError):
         values = np.array([np.nan, np.nan])
     if values.shape != shape or not np.isfinite(values).all():
@@ -192,9 +192,9 @@ def numbers_of(asked: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> n
     return values
 
 
-def number_of(asked: Mapping[str, Any], name: str, low: float, high: float) -> float:
+def number_of(query: Mapping[str, Any], name: str, low: float, high: float) -> float:
     """Return one number of a question, within `low` to `high`."""
-    value = float(numbers_of(asked, name, ()))
+    value = float(numbers_of(query, name, ()))
     if not low <= value <= high:
         raise QueryError(name, f"{value:g} is out of range", f"Give {low:g} to {high:g}.")
     return value

@@ -30,9 +30,9 @@ def page_of_world(world: PlayedWorld) -> Page:
     return Page("play.html", SCRIPTS, alone, ((world.warm, images),), BESIDE)
 
 
-def _of_one(answer: Callable[[Any], Answer], _: int, asked: Any) -> Answer:
+def _of_one(answer: Callable[[Any], Answer], _: int, query: Any) -> Answer:
     """Answer on a page that has one world, whatever its number."""
-    return answer(asked)
+    return answer(query)
 
 
 def play_in_browser(scene: Path, port: int, open_browser: bool) -> None:

@@ -99,21 +99,21 @@ class PlayedWorld:
         """Return what the page needs before the first question."""
         middle, reach = surrounded(self._points)
         sensor = self._world.sensor
-        said = {name: file.description["object"] for name, file in self._files.items()}
+        descriptions = {name: file.description["object"] for name, file in self._files.items()}
         return {
             "bodies": [
-                {"body": name, "name": one.get("name") or name, "licence": one.get("licence"),
-                 "attribution": one.get("attribution")}
-                for name, one in said.items()
+                {"body": name, "name": description.get("name") or name, "licence": description.get("licence"),
+                 "attribution": description.get("attribution")}
+                for name, description in descriptions.items()
             ],
             "frame": {"centre": middle.tolist(), "scale": reach},
             "rate": SAMPLE_RATE_HZ,
             "gel": [sensor.image_height, sensor.image_width],
         }, b""  # fmt: skip
 
-    def heard(self, asked: Mapping[str, Any]) -> Answer:
+    def heard(self, query: Mapping[str, Any]) -> Answer:
         """Return the sound since block ``since``, float32 pascals; wait for some."""
-        since = int(number_of(asked, "since", 0, 2**53))
+        since = int(number_of(query, "since", 0, 2**53))
         self._wait(lambda: self._count >= since + LEAST_BLOCKS or since > self._count)
         with self._news:
             count, blocks = self._count, list(self._blocks)
@@ -121,20 +121,20 @@ class PlayedWorld:
         sound = np.concatenate([np.zeros(0), *blocks[len(blocks) - (count - first) :]])
         return {"first": first, "next": count, "said": self._said}, sound.astype("<f4").tobytes()
 
-    def seen(self, asked: Mapping[str, Any]) -> Answer:
+    def seen(self, query: Mapping[str, Any]) -> Answer:
         """Return an image of ``resolution`` from ``camera_to_world``, by ``sub_rays`` (null: the file's own).
 
         Where nothing has moved since ``stamp`` and ``wait`` is true, it waits for a while, and the header may
         say ``still``. The bytes are (resolution, resolution, 3) sRGB, then int8: which body, -1 for none.
         """
-        resolution = int(number_of(asked, "resolution", 1, MOST_PIXELS))
-        rays = asked.get("sub_rays")
-        rays = None if rays is None else int(number_of(asked, "sub_rays", 1, 1024))
-        camera, known = numbers_of(asked, "camera_to_world", (4, 4)), asked.get("stamp")
-        if asked.get("wait") and known == self._poses.stamp:
-            self._wait(lambda: known != self._poses.stamp)
-            if known == self._poses.stamp:
-                return {"still": True, "stamp": known}, b""
+        resolution = int(number_of(query, "resolution", 1, MOST_PIXELS))
+        rays = query.get("sub_rays")
+        rays = None if rays is None else int(number_of(query, "sub_rays", 1, 1024))
+        camera, stamp_before = numbers_of(query, "camera_to_world", (4, 4)), query.get("stamp")
+        if query.get("wait") and stamp_before == self._poses.stamp:
+            self._wait(lambda: stamp_before != self._poses.stamp)
+            if stamp_before == self._poses.stamp:
+                return {"still": True, "stamp": stamp_before}, b""
         self._on_time.wait(WAIT_S)
         stamp = self._poses.stamp
         image = self._sight.image(camera, resolution, sub_rays=rays)
@@ -149,15 +149,15 @@ class PlayedWorld:
         images = b"".join(felt[name].image.rgb.tobytes() for name in felt)
         return {"forces": forces, "touched": touched, "said": self._said}, images
 
-    def act(self, asked: Mapping[str, Any]) -> Answer:
+    def act(self, query: Mapping[str, Any]) -> Answer:
         """Do what ``act`` names in the world; it is done when this answers."""
-        name = asked.get("act")
+        name = query.get("act")
         if name not in ACTS:
             raise QueryError("act", "unknown", f"Ask for {', '.join(ACTS)}.")
-        done: Future[dict[str, Any]] = Future()
-        self._acts.put((partial(getattr(self, f"_{name}"), asked), done))
+        result: Future[dict[str, Any]] = Future()
+        self._acts.put((partial(getattr(self, f"_{name}"), query), result))
         self._asked_s = time.monotonic()
-        return done.result(timeout=10.0), b""
+        return result.result(timeout=10.0), b""
 
     def warm(self) -> None:
         """Compile what images need, and set their exposure."""
@@ -193,13 +193,13 @@ class PlayedWorld:
     def _do_acts(self) -> None:
         while True:
             try:
-                act, done = self._acts.get_nowait()
+                act, result = self._acts.get_nowait()
             except queue.Empty:
                 return
             try:
-                done.set_result(act())
+                result.set_result(act())
             except ObjectFolderError as error:
-                done.set_exception(error)
+                result.set_exception(error)
 
     def _advance(self) -> None:
         """Run the world for a block of sound, and tell what became of it."""
@@ -230,42 +230,42 @@ class PlayedWorld:
         with self._news:
             self._news.wait_for(until, WAIT_S)
 
-    def _found(self, asked: Mapping[str, Any]) -> Found | None:
+    def _hit(self, query: Mapping[str, Any]) -> Found | None:
         """Return what a ray meets (``origin``, ``direction``); or a ``body``, from above its middle."""
-        if asked.get("body") is None:
-            return self._world.under(numbers_of(asked, "origin", (3,)), numbers_of(asked, "direction", (3,)))
-        body = self._named(asked)
+        if query.get("body") is None:
+            return self._world.under(numbers_of(query, "origin", (3,)), numbers_of(query, "direction", (3,)))
+        body = self._body(query)
         above = self._world.pose(body)[:3, 3] + [0.0, 0.0, 1.0]
         return self._world.under(above, np.array([0.0, 0.0, -1.0]))
 
-    def _named(self, asked: Mapping[str, Any]) -> str:
-        if asked.get("body") not in self._files:
+    def _body(self, query: Mapping[str, Any]) -> str:
+        if query.get("body") not in self._files:
             raise QueryError("body", "none of the scene's", f"Name {', '.join(self._files)}.")
-        return str(asked["body"])
+        return str(query["body"])
 
-    def _strike(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        impulse, found = number_of(asked, "impulse", 0, 100), self._found(asked)
-        if found is None:
+    def _strike(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        impulse, hit = number_of(query, "impulse", 0, 100), self._hit(query)
+        if hit is None:
             return {"missed": True}
-        point, force = self._world.where(found.body, found.local_m), -impulse * found.normal
-        self._world.strike(found.body, point, force)
-        self._sound.strike(found.body, point, force)
-        return {"body": found.body, "point": point.tolist()}
+        point, force = self._world.where(hit.body, hit.local_m), -impulse * hit.normal
+        self._world.strike(hit.body, point, force)
+        self._sound.strike(hit.body, point, force)
+        return {"body": hit.body, "point": point.tolist()}
 
-    def _throw(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        body, speed = self._named(asked), numbers_of(asked, "velocity", (3,))
+    def _throw(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        body, speed = self._body(query), numbers_of(query, "velocity", (3,))
         at = self._world.pose(body)[:3, 3]
         self._world.strike(body, at, np.clip(speed, -5, 5) * self._world.mass_kg(body))
         return {}
 
-    def _grab(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        found = self._found(asked)
-        if found is None:
+    def _grab(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        hit = self._hit(query)
+        if hit is None:
             return {"missed": True}
-        point = self._world.where(found.body, found.local_m)
-        self._grabbed = found.body, found.local_m
+        point = self._world.where(hit.body, hit.local_m)
+        self._grabbed = hit.body, hit.local_m
         self._world.carry(*self._grabbed, point)
-        return {"body": found.body, "point": point.tolist()}
+        return {"body": hit.body, "point": point.tolist()}
 
     def _pull(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         target = numbers_of(asked, "target", (3,))
@@ -278,18 +278,18 @@ class PlayedWorld:
         self._world.let_go()
         return {}
 
-    def _lift(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        self._world.lift(self._named(asked), number_of(asked, "height", 0, 1))
+    def _lift(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        self._world.lift(self._body(query), number_of(query, "height", 0, 1))
         return {}
 
-    def _squeeze(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        self._world.reach_round(self._named(asked), numbers_of(asked, "across", (3,)))
+    def _squeeze(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        self._world.reach_round(self._body(query), numbers_of(query, "across", (3,)))
         self._hand = True
-        return self._grip(asked)
+        return self._grip(query)
 
-    def _grip(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        force = number_of(asked, "force", 0, GREATEST_FORCE_N)
-        self._world.grip(force, number_of(asked, "lifting", -0.1, 0.1))
+    def _grip(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        force = number_of(query, "force", 0, GREATEST_FORCE_N)
+        self._world.grip(force, number_of(query, "lifting", -0.1, 0.1))
         return {}
 
     def _open(self, _: Mapping[str, Any]) -> dict[str, Any]:
