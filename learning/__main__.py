@@ -36,19 +36,19 @@ def main() -> None:
     parser.add_argument("--params", type=Path, default=FOLDER / "params.yaml")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", metavar="FOLDER")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     # The networks are small: beside other work, threads that wait for one another take five times as long.
     torch.set_num_threads(1)
-    settings = read_settings(asked.params)
-    objects = Objects(settings, asked.objects)
-    if tasks := [task for task in TASKS if asked.task in (task, "all")]:
-        with joined(asked.cluster) as workers:
+    settings = read_settings(arguments.params)
+    objects = Objects(settings, arguments.objects)
+    if tasks := [task for task in TASKS if arguments.task in (task, "all")]:
+        with joined(arguments.cluster) as workers:
             for task in tasks:
-                _evaluate(task, objects, settings, workers, asked.results)
-    if asked.task == "clips":
-        print(*write_clips(objects, settings, asked.page.parent / CLIPS.name), sep="\n")
-    if asked.task in ("page", "all"):
-        write_page(objects, settings, asked.results, asked.page)
+                _evaluate(task, objects, settings, workers, arguments.results)
+    if arguments.task == "clips":
+        print(*write_clips(objects, settings, arguments.page.parent / CLIPS.name), sep="\n")
+    if arguments.task in ("page", "all"):
+        write_page(objects, settings, arguments.results, arguments.page)
 
 
 def _evaluate(task: str, objects: Objects, settings: Settings, workers: Workers, results: Path) -> None:

@@ -26,7 +26,7 @@ from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
 
 SPLITS = ("training", "validation", "test")
-Wanted = tuple[str, str, int]
+NetworkKey = tuple[str, str, int]
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -92,7 +92,7 @@ def train(
     objects: Objects,
     settings: Settings,
     workers: Workers,
-    wanted: Sequence[Wanted],
+    keys: Sequence[NetworkKey],
     unseen: Sequence[str] = (),
     folds: int | None = None,
 ) -> None:
@@ -100,24 +100,24 @@ def train(
 
     Parameters
     ----------
-    wanted
+    keys
         (sense, protocol, seed) each.
     unseen
         Senses whose networks of unseen objects are trained as well.
     folds
         How many folds of those; all if None.
     """
-    by_draws: dict[Wanted, list[tuple[Any, ...]]] = {one: [one] for one in wanted}
+    by_draws: dict[NetworkKey, list[tuple[Any, ...]]] = {key: [key] for key in keys}
     several = list(enumerate(folds_of(len(objects), settings)))[:folds]
     for sense in unseen:
         networks = [(sense, "unseen", fold, tuple(out)) for fold, out in several]
         by_draws.setdefault((sense, "sample", settings.seeds[0]), []).extend(networks)
-    workers.gather([workers.submit(_trained, objects, settings, some) for some in by_draws.values()])
+    workers.gather([workers.submit(_trained, objects, settings, group) for group in by_draws.values()])
 
 
-def _trained(objects: Objects, settings: Settings, wanted: Sequence[Any]) -> None:
-    for one in wanted:
-        encoded(objects, settings, *one)
+def _trained(objects: Objects, settings: Settings, group: Sequence[Any]) -> None:
+    for network in group:
+        encoded(objects, settings, *network)
 
 
 def _train(
@@ -174,7 +174,7 @@ def drawn(
         nearest.append(np.median(gaps) / size)
     labelled = {
         split: Labelled(
-            torch.cat([one.inputs for one in samples]),
+            torch.cat([sample.inputs for sample in samples]),
             torch.arange(len(objects)).repeat_interleave(len(samples[0].places)),
         )
         for split, samples in draws.items()

@@ -102,8 +102,8 @@ class JoinedSenses(nn.Module):
     def features(self, x: torch.Tensor) -> torch.Tensor:
         """Return (n, `JOINING`), the sum of what the senses say."""
         parts = x.split(self._channels, dim=1)
-        said = [network(part) for network, part in zip(self._networks, parts, strict=True)]
-        return torch.stack(said).sum(dim=0)
+        outputs = [network(part) for network, part in zip(self._networks, parts, strict=True)]
+        return torch.stack(outputs).sum(dim=0)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Return logits (n, classes)."""
@@ -132,7 +132,7 @@ def fit_classifier(
     training: Labelled,
     validation: Labelled,
     classes: int,
-    asked: Encoder,
+    parameters: Encoder,
     seed: int,
     log: "SummaryWriter | None" = None,
     senses: Sequence[int] | None = None,
@@ -150,22 +150,22 @@ def fit_classifier(
     random = torch.Generator().manual_seed(seed)
     network: Network
     if senses is None:
-        network = ResNet18(training.inputs.shape[1], classes, asked.width)
+        network = ResNet18(training.inputs.shape[1], classes, parameters.width)
     else:
-        network = JoinedSenses(senses, classes, asked.width)
+        network = JoinedSenses(senses, classes, parameters.width)
     network.learn(training.inputs)
     network.to(DEVICE)
     for weights in network.parameters():
         if weights.ndim == 4:
             weights.data = weights.data.contiguous(memory_format=CHANNELS_LAST)
-    optimiser = torch.optim.AdamW(network.parameters(), asked.learning_rate, weight_decay=1e-2)
-    steps = asked.epochs * max(1, -(-len(training.labels) // asked.batch))
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, asked.learning_rate, total_steps=steps)
+    optimiser = torch.optim.AdamW(network.parameters(), parameters.learning_rate, weight_decay=1e-2)
+    steps = parameters.epochs * max(1, -(-len(training.labels) // parameters.batch))
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, parameters.learning_rate, total_steps=steps)
     best, best_loss = network.state_dict(), float("inf")
-    for epoch in range(asked.epochs):
+    for epoch in range(parameters.epochs):
         network.train()
         losses = []
-        for rows in batches(len(training.labels), asked.batch, random):
+        for rows in batches(len(training.labels), parameters.batch, random):
             logits = network(_on_device(training.inputs[rows]))
             loss = cross_entropy(logits, training.labels[rows].to(DEVICE), label_smoothing=0.05)
             optimiser.zero_grad()

@@ -96,9 +96,9 @@ def shapes_of(objects: Objects) -> Shapes:
     meshes = {label: unit_mesh(file) for label, file in enumerate(objects.files.values())}
     meshes = {label: mesh for label, mesh in meshes.items() if mesh.is_watertight}
     key = {"unit": "points", "files": objects.digests, "code": code_digests(("occupancy", "shapes"))}
-    found = kept(key, lambda: _labelled(meshes))
-    points = torch.from_numpy(found["points"])
-    occupied = np.unpackbits(found["occupied"], axis=1, count=len(points))
+    arrays = kept(key, lambda: _labelled(meshes))
+    points = torch.from_numpy(arrays["points"])
+    occupied = np.unpackbits(arrays["occupied"], axis=1, count=len(points))
     return Shapes(meshes, points, torch.from_numpy(occupied).bool())
 
 
@@ -115,7 +115,7 @@ def fit(
     labels: torch.Tensor,
     shapes: Shapes,
     known: tuple[int, ...],
-    asked: Reconstruction,
+    parameters: Reconstruction,
     seed: int,
 ) -> OccupancyNetwork:
     """Train on the samples of objects that are known.
@@ -131,23 +131,23 @@ def fit(
     """
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    network = OccupancyNetwork(conditions.shape[1], asked.width).to(DEVICE)
-    others = [one for name, one in network.named_parameters() if not name.startswith("grids")]
+    network = OccupancyNetwork(conditions.shape[1], parameters.width).to(DEVICE)
+    weights = [weight for name, weight in network.named_parameters() if not name.startswith("grids")]
     grids: dict[str, Any] = {"params": network.grids.parameters(), "lr": GRID_RATE}
-    optimiser = torch.optim.Adam([grids, {"params": others}], RATE)
-    schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.01, total_iters=asked.steps)
+    optimiser = torch.optim.Adam([grids, {"params": weights}], RATE)
+    schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.01, total_iters=parameters.steps)
     places = {label: row for row, label in enumerate(shapes.meshes)}
     near = _near_rows([places[label] for label in known], len(shapes.meshes))
-    drawn = known * -(-FEWEST_SAMPLES // len(known))
-    rows_of = [torch.nonzero(labels == label)[:, 0] for label in drawn]
-    occupied = shapes.occupied[[places[label] for label in drawn]]
-    for _ in range(asked.steps):
+    batch_labels = known * -(-FEWEST_SAMPLES // len(known))
+    rows_of = [torch.nonzero(labels == label)[:, 0] for label in batch_labels]
+    occupied = shapes.occupied[[places[label] for label in batch_labels]]
+    for _ in range(parameters.steps):
         samples = torch.stack([rows[torch.randint(len(rows), (), generator=random)] for rows in rows_of])
-        count = round(NEAR_SHARE * asked.points)
+        count = round(NEAR_SHARE * parameters.points)
         chosen = torch.cat(
             [
                 near[torch.randint(len(near), (count,), generator=random)],
-                torch.randint(FAR_POINTS, (asked.points - count,), generator=random),
+                torch.randint(FAR_POINTS, (parameters.points - count,), generator=random),
             ]
         )
         logits = network(conditions[samples].to(DEVICE), shapes.points[chosen].to(DEVICE))
@@ -186,7 +186,7 @@ def predicted(network: OccupancyNetwork, condition: torch.Tensor, cells: int) ->
     side = cells // COARSER + 1
     nearly = logits(grid_points(cells // COARSER)).reshape(side, side, side) > NEARLY_INSIDE
     nearest = (np.arange(cells + 1) + COARSER // 2) // COARSER
-    asked = maximum_filter(nearly, size=3)[np.ix_(nearest, nearest, nearest)]
-    values = np.full(asked.shape, OUTSIDE, dtype=np.float32)
-    values[asked] = logits(grid_points(cells)[asked.ravel()])
+    active = maximum_filter(nearly, size=3)[np.ix_(nearest, nearest, nearest)]
+    values = np.full(active.shape, OUTSIDE, dtype=np.float32)
+    values[active] = logits(grid_points(cells)[active.ravel()])
     return surface_of(values, cells)

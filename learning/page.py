@@ -99,13 +99,13 @@ def _retrieved(objects: Objects, settings: Settings) -> Iterator[tuple[str, Item
     encoders = {sense: encoded(objects, settings, sense, "sample", seed) for sense in SENSES}
     draws = {sense: label_draws(objects, settings, sense, "sample", seed, "test") for sense in SENSES}
 
-    def item(sense: str, row: int, wanted: int) -> Item:
+    def item(sense: str, row: int, query_label: int) -> Item:
         label, number = divmod(row, count)
         object_id, samples = objects.ids[label], draws[sense][label]
         sound = ""
         if sense == "audio":
             sound = _sound(objects, object_id, samples.places[number], samples.queries[number])
-        return Item(object_id, _picture(samples.inputs[number]), sound, label == wanted)
+        return Item(object_id, _picture(samples.inputs[number]), sound, label == query_label)
 
     for first, second in permutations(SENSES, 2):
         pair = encoders[first], encoders[second]
@@ -117,7 +117,7 @@ def _retrieved(objects: Objects, settings: Settings) -> Iterator[tuple[str, Item
         for row in np.random.default_rng(seed).choice(len(similarity), ROWS, replace=False).tolist():
             label = row // count
             nearest = np.argsort(-similarity[row])[:ANSWERS].tolist()
-            answers = [item(second, one, label) for one in nearest]
+            answers = [item(second, item_row, label) for item_row in nearest]
             yield f"{LETTERS[first]} to {LETTERS[second]}", item(first, row, label), answers
 
 
@@ -127,10 +127,10 @@ def _shapes(objects: Objects, settings: Settings) -> Iterator[tuple[str, str, st
         if len(trial.senses) == 2:
             for label in trial.tested:
                 object_id = objects.ids[label]
-                seen = "unseen" if trial.unseen else "seen"
+                protocol = "unseen" if trial.unseen else "seen"
                 predicted = trial.mesh(label)
-                drawn = "" if predicted is None else _drawn(predicted)
-                yield f"{object_id}, {seen}", _drawn(unit_mesh(objects.files[object_id])), drawn
+                picture = "" if predicted is None else _drawn(predicted)
+                yield f"{object_id}, {protocol}", _drawn(unit_mesh(objects.files[object_id])), picture
 
 
 def _drawn(mesh: Any) -> str:

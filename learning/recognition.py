@@ -38,8 +38,8 @@ def paired(parts: Sequence[Encoded], draws: int, seed: int) -> list[NDArray[np.i
     for part in parts:
         rows = np.empty(len(labels), dtype=np.int64)
         for label in np.unique(labels):
-            mine = labels == label
-            rows[mine] = random.choice(np.flatnonzero(part.labels == label), mine.sum())
+            mask = labels == label
+            rows[mask] = random.choice(np.flatnonzero(part.labels == label), mask.sum())
         result.append(rows)
     return result
 
@@ -55,7 +55,7 @@ def aligned(parts: Sequence[Encoded], draws: int, seed: int) -> tuple[torch.Tens
         (draws n,).
     """
     rows = paired(parts, draws, seed)
-    columns = [part.features[one] for part, one in zip(parts, rows, strict=True)]
+    columns = [part.features[indices] for part, indices in zip(parts, rows, strict=True)]
     labels = parts[0].labels[rows[0]]
     return torch.from_numpy(np.concatenate(columns, axis=1)), torch.from_numpy(labels)
 
@@ -82,13 +82,13 @@ def fused(encoders: Sequence[Encoder], seed: int) -> NDArray[np.bool_]:
     joined features, each sense's part trained alone. One that is trained on joined features relies on the
     sense that its training samples fit best, and errs more often.
     """
-    tests = [one.splits["test"] for one in encoders]
+    tests = [encoder.splits["test"] for encoder in encoders]
     rows = paired(tests, PAIRINGS, seed)
-    said = [
-        inverse_temperature(one.splits["validation"]) * test.log_probabilities[own]
-        for one, test, own in zip(encoders, tests, rows, strict=True)
+    scaled_logs = [
+        inverse_temperature(encoder.splits["validation"]) * test.log_probabilities[own]
+        for encoder, test, own in zip(encoders, tests, rows, strict=True)
     ]
-    return np.asarray(np.argmax(sum(said), axis=1) == tests[0].labels[rows[0]])
+    return np.asarray(np.argmax(sum(scaled_logs), axis=1) == tests[0].labels[rows[0]])
 
 
 def of_several(test: Encoded, count: int, seed: int) -> float:
@@ -98,8 +98,8 @@ def of_several(test: Encoded, count: int, seed: int) -> float:
     for label in np.unique(test.labels):
         rows = np.tile(np.flatnonzero(test.labels == label), (DRAWS, 1))
         chosen = random.permuted(rows, axis=1)[:, :count]
-        named = test.log_probabilities[chosen].sum(axis=1).argmax(axis=1)
-        shares.append(np.mean(named == label))
+        answers = test.log_probabilities[chosen].sum(axis=1).argmax(axis=1)
+        shares.append(np.mean(answers == label))
     return float(np.mean(shares))
 
 
@@ -138,8 +138,8 @@ def _fused(
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return accuracies by protocol and senses, curves of several samples, and how confused objects are."""
     protocols = [(sense, protocol) for protocol in ("sample", "region") for sense in SENSES]
-    every = [(*one, seed) for one in [*protocols, ("vision", "one lamp")] for seed in settings.seeds]
-    train(objects, settings, workers, every)
+    networks = [(*case, seed) for case in [*protocols, ("vision", "one lamp")] for seed in settings.seeds]
+    train(objects, settings, workers, networks)
     tests = settings.data.test * len(objects)
     result: dict[str, Any] = {"chance_percent": 100 / len(objects), "tests_a_seed": tests}
     for protocol in ("sample", "region"):
@@ -158,24 +158,27 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
             for sense in SENSES
         }
         row["nearest_training_place"] = {
-            LETTERS[sense]: float(np.mean([one[sense].nearest_share for one in encoders])) for sense in SENSES
+            LETTERS[sense]: float(np.mean([by_sense[sense].nearest_share for by_sense in encoders]))
+            for sense in SENSES
         }
         row["confusion"] = {LETTERS[sense]: _confusion(encoders, sense, len(objects)) for sense in SENSES}
         result[protocol] = row
     dark = [encoded(objects, settings, "vision", "one lamp", seed) for seed in settings.seeds]
-    result["one lamp"] = {"V": accuracies([named_rightly(one) for one in dark], tests)}
+    result["one lamp"] = {"V": accuracies([named_rightly(encoder) for encoder in dark], tests)}
     return result
 
 
 def _several(encoders: Sequence[dict[str, Encoder]], sense: str, count: int) -> float:
-    found = [of_several(one[sense].splits["test"], count, seed) for seed, one in enumerate(encoders)]
-    return 100 * float(np.mean(found))
+    shares = [
+        of_several(by_sense[sense].splits["test"], count, seed) for seed, by_sense in enumerate(encoders)
+    ]
+    return 100 * float(np.mean(shares))
 
 
 def _confusion(encoders: Sequence[dict[str, Encoder]], sense: str, classes: int) -> list[list[int]]:
     """Return how many test samples of an object (row) are named as another (column), over all seeds."""
     counts = np.zeros((classes, classes), dtype=np.int64)
-    for one in encoders:
-        test = one[sense].splits["test"]
+    for by_sense in encoders:
+        test = by_sense[sense].splits["test"]
         np.add.at(counts, (test.labels, test.log_probabilities.argmax(axis=1)), 1)
     return counts.tolist()

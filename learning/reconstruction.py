@@ -32,8 +32,8 @@ RIDGE = 1e-2
 class Measures:
     """Likeness of meshes to the objects' own, each pair of objects compared once."""
 
-    def __init__(self, shapes: Shapes, asked: Reconstruction) -> None:
-        self.shapes, self._asked = shapes, asked
+    def __init__(self, shapes: Shapes, parameters: Reconstruction) -> None:
+        self.shapes, self._parameters = shapes, parameters
         self._points = volume_points(seed=1)
         self._volumes = {label: inside(mesh, self._points) for label, mesh in shapes.meshes.items()}
         self._pairs: dict[tuple[int, int], Likeness] = {}
@@ -41,24 +41,24 @@ class Measures:
     def of(self, mesh: trimesh.Trimesh | None, label: int) -> Likeness:
         """Compare a mesh with that of an object."""
         iou = overlap(inside(mesh, self._points), self._volumes[label])
-        return likeness(mesh, self.shapes.meshes[label], iou, self._asked.surface_points, seed=0)
+        return likeness(mesh, self.shapes.meshes[label], iou, self._parameters.surface_points, seed=0)
 
     def of_object(self, answer: int, label: int) -> Likeness:
         """Compare the mesh of an object with that of another, or with itself: the floor of the measure."""
         if (answer, label) not in self._pairs:
-            first, second = (self.shapes.meshes[one] for one in (answer, label))
+            first, second = (self.shapes.meshes[number] for number in (answer, label))
             iou = overlap(self._volumes[answer], self._volumes[label])
-            self._pairs[answer, label] = likeness(first, second, iou, self._asked.surface_points, seed=0)
+            self._pairs[answer, label] = likeness(first, second, iou, self._parameters.surface_points, seed=0)
         return self._pairs[answer, label]
 
-    def nearest(self, known: Sequence[int], label: int) -> int:
+    def nearest(self, candidates: Sequence[int], label: int) -> int:
         """Return which of the known objects has the largest IoU with an object."""
-        return max(known, key=lambda one: overlap(self._volumes[one], self._volumes[label]))
+        return max(candidates, key=lambda candidate: overlap(self._volumes[candidate], self._volumes[label]))
 
 
-def _mean(found: Sequence[Likeness]) -> dict[str, float]:
+def _mean(likenesses: Sequence[Likeness]) -> dict[str, float]:
     names = Likeness.__dataclass_fields__
-    return dict(zip(names, np.mean([astuple(one) for one in found], axis=0).tolist(), strict=True))
+    return dict(zip(names, np.mean([astuple(entry) for entry in likenesses], axis=0).tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -93,14 +93,14 @@ class Trial:
 
     def features(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
         """Return features of the senses together (n, sum of features), and labels."""
-        return aligned([one.splits[split] for one in self.encoders], 1, self.seed)
+        return aligned([encoder.splits[split] for encoder in self.encoders], 1, self.seed)
 
     def conditions(self, split: str) -> tuple[torch.Tensor, torch.Tensor]:
         """Return `object_probabilities` of the senses, and labels."""
-        return object_probabilities([one.splits[split] for one in self.encoders], self.seed)
+        return object_probabilities([encoder.splits[split] for encoder in self.encoders], self.seed)
 
     @cached_property
-    def made(self) -> dict[str, np.ndarray]:
+    def predictions(self) -> dict[str, np.ndarray]:
         """Likenesses (tests, 3), and of each tested object the first predicted mesh, by its position."""
         key = {
             "unit": "reconstruction", "senses": self.senses, "known": self.known, "tested": self.tested,
@@ -111,58 +111,60 @@ class Trial:
         return kept(key, self._predict)
 
     def _predict(self) -> dict[str, np.ndarray]:
-        asked = self.settings.reconstruction
-        network = fit(*self.conditions("training"), self.measures.shapes, self.known, asked, self.seed)
+        parameters = self.settings.reconstruction
+        network = fit(*self.conditions("training"), self.measures.shapes, self.known, parameters, self.seed)
         conditions, labels = self.conditions("test")
-        found: list[tuple[float, ...]] = []
+        likenesses: list[tuple[float, ...]] = []
         arrays: dict[str, np.ndarray] = {}
         for label in self.tested:
-            rows = np.flatnonzero(labels.numpy() == label)[: asked.tests]
-            meshes = [predicted(network, conditions[row], asked.grid) for row in rows]
-            found += [astuple(self.measures.of(mesh, label)) for mesh in meshes]
+            rows = np.flatnonzero(labels.numpy() == label)[: parameters.tests]
+            meshes = [predicted(network, conditions[row], parameters.grid) for row in rows]
+            likenesses += [astuple(self.measures.of(mesh, label)) for mesh in meshes]
             if meshes[0] is not None:
                 arrays |= {f"{label}/vertices": meshes[0].vertices, f"{label}/faces": meshes[0].faces}
-        return {"likeness": np.array(found), **arrays}
+        return {"likeness": np.array(likenesses), **arrays}
 
     def mesh(self, label: int) -> trimesh.Trimesh | None:
         """Return the first mesh that was predicted of an object; None if it was empty."""
-        if f"{label}/faces" not in self.made:
+        if f"{label}/faces" not in self.predictions:
             return None
-        vertices, faces = (self.made[f"{label}/{name}"] for name in ("vertices", "faces"))
+        vertices, faces = (self.predictions[f"{label}/{name}"] for name in ("vertices", "faces"))
         return trimesh.Trimesh(vertices, faces, process=False)
 
     def figures(self) -> dict[str, Any]:
         """Return what was reached, and what looking up the mesh of a known object reaches."""
-        named = [(answer, label) for label in self.tested for answer in self._named(label)]
+        pairs = [(answer, label) for label in self.tested for answer in self._answers(label)]
         nearest = [
             self.measures.of_object(self.measures.nearest(self.known, label), label) for label in self.tested
         ]
         lengths_m = [file.frame.scale for file in self.objects.files.values()]
         return {
-            "ours": _mean([Likeness(*row) for row in self.made["likeness"].tolist()]),
-            "look_up": _mean([self.measures.of_object(*pair) for pair in named]),
+            "ours": _mean([Likeness(*row) for row in self.predictions["likeness"].tolist()]),
+            "look_up": _mean([self.measures.of_object(*pair) for pair in pairs]),
             "nearest_known": _mean(nearest),
             "size_error_share": size_error(self.features("training"), self.features("test"), lengths_m),
             "objects": len(self.tested),
         }
 
-    def _named(self, label: int) -> list[int]:
+    def _answers(self, label: int) -> list[int]:
         """Return whom of the known objects the senses name together, for draws of an object's samples."""
         random = np.random.default_rng(self.seed)
         logs = np.zeros((self.settings.reconstruction.tests, len(self.objects)))
-        for one in self.encoders:
-            test = one.splits["test"]
+        for encoder in self.encoders:
+            test = encoder.splits["test"]
             logs += test.log_probabilities[random.choice(np.flatnonzero(test.labels == label), len(logs))]
         return [self.known[best] for best in logs[:, list(self.known)].argmax(axis=1)]
 
 
-def object_probabilities(said: Sequence[Encoded], seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+def object_probabilities(encodings: Sequence[Encoded], seed: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Return square roots of the probability of each object by several senses (n, objects), and labels (n,).
 
     Senses are taken as independent. Roots are unit vectors, as the places of `retrieval.CommonSpace`.
     """
-    logs, labels = aligned([replace(one, features=one.log_probabilities) for one in said], 1, seed)
-    together = torch.stack(logs.chunk(len(said), dim=1)).sum(dim=0)
+    logs, labels = aligned(
+        [replace(encoding, features=encoding.log_probabilities) for encoding in encodings], 1, seed
+    )
+    together = torch.stack(logs.chunk(len(encodings), dim=1)).sum(dim=0)
     return (torch.log_softmax(together, dim=1) / 2).exp(), labels
 
 
@@ -199,25 +201,29 @@ def _tried(objects: Objects, settings: Settings) -> list[Trial]:
     return list(trials(objects, settings))
 
 
-def _made(objects: Objects, settings: Settings, number: int) -> None:
-    _ = _tried(objects, settings)[number].made
+def _predict_trial(objects: Objects, settings: Settings, number: int) -> None:
+    _ = _tried(objects, settings)[number].predictions
 
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return likenesses by senses and by what they are compared with, of seen and of unseen objects."""
     tried = _tried(objects, settings)
     senses = sorted({sense for variant in VARIANTS for sense in variant})
-    wanted = [(sense, "sample", settings.seeds[0]) for sense in senses]
-    train(objects, settings, workers, wanted, senses, settings.reconstruction.folds)
-    workers.gather([workers.submit(_made, objects, settings, number) for number in range(len(tried))])
+    networks = [(sense, "sample", settings.seeds[0]) for sense in senses]
+    train(objects, settings, workers, networks, senses, settings.reconstruction.folds)
+    workers.gather(
+        [workers.submit(_predict_trial, objects, settings, number) for number in range(len(tried))]
+    )
     measures, closed = tried[0].measures, tried[0].known
-    others = [
-        (other, label) for label in closed for other in [one for one in closed if one != label][:OTHERS]
+    pairs = [
+        (answer, label)
+        for label in closed
+        for answer in [candidate for candidate in closed if candidate != label][:OTHERS]
     ]
     result: dict[str, Any] = {
         "left_out_open": [name for label, name in enumerate(objects.ids) if label not in closed],
         "floor": _mean([measures.of_object(label, label) for label in closed]),
-        "average_of_others": _mean([measures.of_object(*pair) for pair in others]),
+        "average_of_others": _mean([measures.of_object(*pair) for pair in pairs]),
         "seen": {},
         "unseen": {},
     }

@@ -56,13 +56,13 @@ def canonical_correlations(first: Floats, second: Floats, dimensions: int, ridge
     a, b = first - means[0], second - means[1]
     whitened = [_inverse_root(x.T @ x / len(x), ridge) for x in (a, b)]
     left, correlations, right = np.linalg.svd(whitened[0] @ (a.T @ b / len(a)) @ whitened[1])
-    kept = min(dimensions, len(correlations))
+    count = min(dimensions, len(correlations))
     # Weighted by its correlation, a direction that says little counts little.
     return Projection(
         means,
         (
-            whitened[0] @ left[:, :kept] * correlations[:kept],
-            whitened[1] @ right[:kept].T * correlations[:kept],
+            whitened[0] @ left[:, :count] * correlations[:count],
+            whitened[1] @ right[:count].T * correlations[:count],
         ),
     )
 
@@ -106,10 +106,10 @@ class CommonSpace(nn.Module):
 
 
 def _triplets(
-    anchors: torch.Tensor, others: torch.Tensor, labels: torch.Tensor, margin: float
+    anchors: torch.Tensor, candidates: torch.Tensor, labels: torch.Tensor, margin: float
 ) -> torch.Tensor:
     """Return the mean triplet loss with the farthest positive and the nearest negative of a batch."""
-    similarity = anchors @ others.T
+    similarity = anchors @ candidates.T
     same = labels[:, None] == labels
     positive = similarity.masked_fill(~same, 2).amin(dim=1)
     negative = similarity.masked_fill(same, -2).amax(dim=1)
@@ -120,28 +120,28 @@ def fit_common_space(
     training: tuple[Encoded, Encoded],
     validation: tuple[Encoded, Encoded],
     classes: int,
-    asked: Retrieval,
+    parameters: Retrieval,
     seed: int,
 ) -> CommonSpace:
     """Train the heads, and return the epoch with the best mAP of both directions in the validation split."""
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
-    sizes = [one.features.shape[1] for one in training]
+    sizes = [encoding.features.shape[1] for encoding in training]
     features, labels = aligned(training, PAIRINGS, seed)
     space = CommonSpace(sizes, classes)
     optimiser = torch.optim.AdamW(space.parameters(), 5e-3, weight_decay=1e-2)
-    steps = asked.epochs * -(-len(labels) // BATCH)
+    steps = parameters.epochs * -(-len(labels) // BATCH)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 5e-3, total_steps=steps)
     best, best_score = space.state_dict(), -1.0
-    for _ in range(asked.epochs):
+    for _ in range(parameters.epochs):
         space.train()
         for rows in batches(len(labels), BATCH, random):
             joined = features[rows].split(sizes, dim=1)
             logs = [space.log_probabilities(side, part) for side, part in enumerate(joined)]
-            places = [(one / 2).exp() for one in logs]
-            named = labels[rows]
-            parts = [_triplets(places[i], places[1 - i], named, asked.margin) for i in (0, 1)]
-            parts += [nll_loss(one, named) for one in logs]
+            places = [(log / 2).exp() for log in logs]
+            targets = labels[rows]
+            parts = [_triplets(places[i], places[1 - i], targets, parameters.margin) for i in (0, 1)]
+            parts += [nll_loss(log, targets) for log in logs]
             loss = torch.stack(parts).sum()
             optimiser.zero_grad()
             loss.backward()
@@ -164,40 +164,42 @@ def fit_common_space(
 def both_ways(space: CommonSpace, pair: tuple[Encoded, Encoded]) -> list[tuple[Floats, Encoded, Encoded]]:
     """Return similarity (queries, gallery), queries and gallery of both directions."""
     space.eval()
-    places = [space(side, torch.from_numpy(one.features)) for side, one in enumerate(pair)]
+    places = [space(side, torch.from_numpy(encoding.features)) for side, encoding in enumerate(pair)]
     similarity = (places[0] @ places[1].T).double().numpy()
     return [(similarity, *pair), (similarity.T, pair[1], pair[0])]
 
 
 def _cosine(first: Floats, second: Floats) -> Floats:
-    a, b = (normalize(torch.from_numpy(one), dim=1) for one in (first, second))
+    a, b = (normalize(torch.from_numpy(features), dim=1) for features in (first, second))
     return (a @ b.T).numpy()
 
 
 def similarities(
-    pair: tuple[Encoder, Encoder], classes: int, asked: Retrieval, seed: int
+    pair: tuple[Encoder, Encoder], classes: int, parameters: Retrieval, seed: int
 ) -> dict[str, Floats]:
     """Return by method the similarity (first, second) of the test samples of two senses."""
     training, validation, test = (
         (pair[0].splits[split], pair[1].splits[split]) for split in ("training", "validation", "test")
     )
-    space = fit_common_space(training, validation, classes, asked, seed)
-    sizes = [one.features.shape[1] for one in training]
+    space = fit_common_space(training, validation, classes, parameters, seed)
+    sizes = [encoding.features.shape[1] for encoding in training]
     joined = aligned(training, PAIRINGS, seed)[0].split(sizes, dim=1)
     first, second = (part.double().numpy() for part in joined)
 
     def score(projection: Projection, over: tuple[Encoded, Encoded]) -> Floats:
-        return _cosine(*(projection(side, one.features.astype(np.float64)) for side, one in enumerate(over)))
+        return _cosine(
+            *(projection(side, encoding.features.astype(np.float64)) for side, encoding in enumerate(over))
+        )
 
     def validated(projection: Projection) -> float:
-        found = score(projection, validation)
-        return mean_average_precision(found, validation[0].labels, validation[1].labels, seed)
+        similarity = score(projection, validation)
+        return mean_average_precision(similarity, validation[0].labels, validation[1].labels, seed)
 
-    choices = [canonical_correlations(first, second, asked.dimensions, ridge) for ridge in RIDGES]
+    choices = [canonical_correlations(first, second, parameters.dimensions, ridge) for ridge in RIDGES]
     return {
         "ours": both_ways(space, test)[0][0],
         "CCA": score(max(choices, key=validated), test),
-        "PLS": score(partial_least_squares(first, second, asked.dimensions), test),
+        "PLS": score(partial_least_squares(first, second, parameters.dimensions), test),
         "classify, then look up": np.exp(test[0].log_probabilities.astype(np.float64))
         @ np.exp(test[1].log_probabilities.astype(np.float64)).T,
     }
@@ -220,24 +222,24 @@ def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) ->
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return mAPs by direction and method, of objects seen in training and of unseen ones."""
-    wanted = [(sense, "sample", seed) for sense in SENSES for seed in settings.seeds]
-    train(objects, settings, workers, wanted, SENSES)
+    networks = [(sense, "sample", seed) for sense in SENSES for seed in settings.seeds]
+    train(objects, settings, workers, networks, SENSES)
     folds = folds_of(len(objects), settings)
     cases: dict[str, list[tuple[str, int, tuple[int, ...]]]] = {
         "seen": [("sample", seed, ()) for seed in settings.seeds],
         "unseen": [("unseen", fold, tuple(out)) for fold, out in enumerate(folds)],
     }
-    found = {
+    submissions = {
         name: [
             workers.submit(_directions, objects, settings, senses, *case)
-            for case in some
+            for case in cases_of_name
             for senses in combinations(SENSES, 2)
         ]
-        for name, some in cases.items()
+        for name, cases_of_name in cases.items()
     }
     return {
         "objects": len(objects),
-        **{name: _table(workers.gather(some)) for name, some in found.items()},
+        **{name: _table(workers.gather(futures)) for name, futures in submissions.items()},
         "unseen_gallery_objects": [len(out) for out in folds],
     }
 
@@ -253,13 +255,15 @@ def _directions(
     """Return `scores` of both directions between two senses, by method."""
     first, second = (encoded(objects, settings, sense, protocol, seed, unseen) for sense in senses)
     tests = first.splits["test"], second.splits["test"]
-    found = similarities((first, second), len(objects), settings.retrieval, seed)
+    similarity_by_method = similarities((first, second), len(objects), settings.retrieval, seed)
     return {
-        f"{LETTERS[senses[one]]} to {LETTERS[senses[other]]}": {
-            method: scores(similarity if one == 0 else similarity.T, tests[one], tests[other], seed)
-            for method, similarity in found.items()
+        f"{LETTERS[senses[query_side]]} to {LETTERS[senses[gallery_side]]}": {
+            method: scores(
+                similarity if query_side == 0 else similarity.T, tests[query_side], tests[gallery_side], seed
+            )
+            for method, similarity in similarity_by_method.items()
         }
-        for one, other in permutations((0, 1))
+        for query_side, gallery_side in permutations((0, 1))
     }
 
 

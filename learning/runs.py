@@ -17,7 +17,7 @@ from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 
 RUNS = Path("learning/runs")
-SAID = ("sense", "senses", "protocol", "object", "act", "seed")  # of a unit that was made
+SHOWN_FIELDS = ("sense", "senses", "protocol", "object", "act", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
 # What every task draws and trains with: with other code nothing that was kept is read.
 CODE = ("encoders", "networks", "samples")
@@ -57,14 +57,14 @@ class Objects:
         self.digests = {name: digest(path) for name, path in self.paths.items()}
         self.ids = tuple(self.files)
 
-        self._asked = settings, most
+        self._arguments = settings, most
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Workers open the files themselves, once for all units.
-        return opened, self._asked
+        return opened, self._arguments
 
 
 @cache
@@ -105,8 +105,8 @@ def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -
             return dict(stored)
     began = time.perf_counter()
     arrays = compute()
-    said = ", ".join(f"{name} {key[name]}" for name in SAID if name in key)
-    print(f"  {key['unit']}: {said}, {time.perf_counter() - began:.0f} s", flush=True)
+    facts = ", ".join(f"{name} {key[name]}" for name in SHOWN_FIELDS if name in key)
+    print(f"  {key['unit']}: {facts}, {time.perf_counter() - began:.0f} s", flush=True)
     RUNS.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:

@@ -91,11 +91,11 @@ def regions_of(file: ObjectFile, sense: str, regions: int, seed: int) -> tuple[C
     centres, _ = kmeans2(places, regions, minit="++", rng=random)
     held_out = random.permutation(regions) < HELD_OUT_REGIONS * regions
 
-    def tested(asked: Floats) -> NDArray[np.bool_]:
-        distances = np.linalg.norm(asked[:, None] - centres, axis=2)
+    def tested(points: Floats) -> NDArray[np.bool_]:
+        distances = np.linalg.norm(points[:, None] - centres, axis=2)
         return held_out[np.argmin(distances, axis=1)]
 
-    return lambda asked: ~tested(asked), tested
+    return lambda points: ~tested(points), tested
 
 
 def _directions(file: ObjectFile, cameras: Floats) -> Floats:
@@ -129,11 +129,11 @@ def draw(
     """
     parts: list[tuple[Floats, Floats]] = []
     for attempt in range(MOST_DRAWS):
-        drawn = int(np.random.SeedSequence([seed, attempt]).generate_state(1)[0])
-        places, queries = _queries(file, sense, count, drawn, lit)
-        kept = np.ones(count, dtype=bool) if chosen is None else chosen(places)
-        parts.append((places[kept], queries[kept]))
-        if sum(len(kept) for kept, _ in parts) >= count:
+        draw_seed = int(np.random.SeedSequence([seed, attempt]).generate_state(1)[0])
+        places, queries = _queries(file, sense, count, draw_seed, lit)
+        mask = np.ones(count, dtype=bool) if chosen is None else chosen(places)
+        parts.append((places[mask], queries[mask]))
+        if sum(len(rows) for rows, _ in parts) >= count:
             places, queries = (np.concatenate(columns)[:count] for columns in zip(*parts, strict=True))
             return Samples(_answers(file, sense, places, queries, resolution), places, queries)
     name = file.description["object"]["name"]

@@ -80,13 +80,13 @@ def likeness(
     """
     if predicted is None or not len(predicted.faces):
         return Likeness(0.0, float(EMPTY_DISTANCE), 0.0)
-    (here, faces_here), (there, faces_there) = (
+    (predicted_points, faces_here), (true_points, faces_there) = (
         trimesh.sample.sample_surface(mesh, count, seed=seed + side)
         for side, mesh in enumerate((predicted, true))
     )
     normals = predicted.face_normals[faces_here], true.face_normals[faces_there]
-    to_true, nearest_true = KDTree(there).query(here)
-    to_predicted, nearest_predicted = KDTree(here).query(there)
+    to_true, nearest_true = KDTree(true_points).query(predicted_points)
+    to_predicted, nearest_predicted = KDTree(predicted_points).query(true_points)
     same = (
         np.abs((normals[0] * normals[1][nearest_true]).sum(axis=1)).mean(),
         np.abs((normals[1] * normals[0][nearest_predicted]).sum(axis=1)).mean(),

@@ -65,11 +65,11 @@ def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Ar
         own = samples[trained]
         network = fit_classifier(own["training"], own["validation"], len(objects), settings.encoder, seed)
         for tested in SOURCES:
-            made = packed(network, samples[tested])
-            arrays |= {f"{trained}/{tested}/{name}": values for name, values in made.items()}
-    told = {split: _told_apart([samples[source][split] for source in SOURCES]) for split in SPLITS}
-    detector = fit_classifier(told["training"], told["validation"], 2, settings.encoder, seed)
-    arrays["detector"] = answers(detector, told["test"].inputs)[1][:, 0].numpy()
+            encodings = packed(network, samples[tested])
+            arrays |= {f"{trained}/{tested}/{name}": values for name, values in encodings.items()}
+    by_source = {split: _told_apart([samples[source][split] for source in SOURCES]) for split in SPLITS}
+    detector = fit_classifier(by_source["training"], by_source["validation"], 2, settings.encoder, seed)
+    arrays["detector"] = answers(detector, by_source["test"].inputs)[1][:, 0].numpy()
     return arrays
 
 
@@ -138,14 +138,14 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     ways = [(trained, tested) for trained in SOURCES for tested in SOURCES]
 
     def recognised(sense: str, trained: str, tested: str) -> float:
-        made = [_encoded(arrays[sense, seed], trained, tested, "test") for seed in settings.seeds]
-        return 100 * float(np.mean([_accuracy(one) for one in made]))
+        encodings = [_encoded(arrays[sense, seed], trained, tested, "test") for seed in settings.seeds]
+        return 100 * float(np.mean([_accuracy(encoding) for encoding in encodings]))
 
     def retrieved(first: str, second: str, trained: str, tested: str) -> float:
         pairs = [((arrays[first, seed], arrays[second, seed]), seed) for seed in settings.seeds]
         classes = len(objects)
-        found = [_retrieved(pair, trained, tested, classes, settings, seed) for pair, seed in pairs]
-        return float(np.mean(found))
+        precisions = [_retrieved(pair, trained, tested, classes, settings, seed) for pair, seed in pairs]
+        return float(np.mean(precisions))
 
     return {
         "recognition": {
@@ -167,6 +167,6 @@ def _accuracy(test: Encoded) -> float:
 
 
 def _detector(logs: list[NDArray[np.float32]]) -> dict[str, Any]:
-    shares, pairs = zip(*(detected(one) for one in logs), strict=True)
+    shares, pairs = zip(*(detected(seed_logs) for seed_logs in logs), strict=True)
     low, high = binomial_interval(round(float(np.dot(shares, pairs))), sum(pairs))
     return {"right_percent": 100 * float(np.mean(shares)), "interval_percent": [100 * low, 100 * high]}

@@ -49,15 +49,17 @@ def write_clips(objects: Objects, settings: Settings, folder: Path = FOLDER) -> 
         old.unlink()
     written = []
     for task, tries in zip(TASKS, (_grasped, _regrasped), strict=True):
-        made = {HELD: 0, LOST: 0}
-        for _, one in zip(range(MOST_TRIED), tries(grasps, objects, settings), strict=False):
-            outcome = HELD if one.held else LOST
-            if made[outcome] < EACH:
-                made[outcome] += 1
-                path = folder / f"{task}_{outcome}_{made[outcome]}_{one.object_id}.mp4"
-                write_film(path, grasps.worlds[one.object_id], objects.files[one.object_id], one.grasps)
+        counts = {HELD: 0, LOST: 0}
+        for _, attempt in zip(range(MOST_TRIED), tries(grasps, objects, settings), strict=False):
+            outcome = HELD if attempt.held else LOST
+            if counts[outcome] < EACH:
+                counts[outcome] += 1
+                path = folder / f"{task}_{outcome}_{counts[outcome]}_{attempt.object_id}.mp4"
+                write_film(
+                    path, grasps.worlds[attempt.object_id], objects.files[attempt.object_id], attempt.grasps
+                )
                 written.append(path)
-            if min(made.values()) == EACH:
+            if min(counts.values()) == EACH:
                 break
     return written
 
@@ -70,10 +72,10 @@ def clips_in(folder: Path) -> dict[str, list[str]]:
 def _grasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator[Tried]:
     """Yield grasps as those that stability is learnt from, of each object in turn."""
     seeds = {name: seed_from(settings.seeds[0], "clips", name) for name in grasps.ids}
-    drawn = {name: drawn_grasps(objects.files[name], seed) for name, seed in seeds.items()}
+    streams = {name: drawn_grasps(objects.files[name], seed) for name, seed in seeds.items()}
     for number in count():
         name = grasps.ids[number % len(grasps.ids)]
-        grasp = next(drawn[name])
+        grasp = next(streams[name])
         try:
             outcome = grasps.worlds[name].attempt(grasp, settings.data.resolution.vision)
         except QueryError:  # the gels cannot show it
@@ -83,18 +85,18 @@ def _grasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator[T
 
 def _regrasped(grasps: Grasps, objects: Objects, settings: Settings) -> Iterator[Tried]:
     """Yield episodes of the test, by the policy of the first seed if it was learnt, else by `feeling`."""
-    asked = settings.regrasping
-    act = grasps.known(asked.seeds[0]) or feeling
-    environment = grasps.environment(asked.force_share, asked.spread_m)
+    parameters = settings.regrasping
+    act = grasps.known(parameters.seeds[0]) or feeling
+    environment = grasps.environment(parameters.force_share, parameters.spread_m)
     for seed in count(TEST):
-        observed, said = environment.reset(seed=seed)
+        observed, info = environment.reset(seed=seed)
         closed, over, random = [environment.grasp], False, np.random.default_rng([seed, 1])
         while not over:
-            before = said["regrasps"]
-            observed, _, over, _, said = environment.step(act(observed, before, random))
-            if said["regrasps"] > before:
+            before = info["regrasps"]
+            observed, _, over, _, info = environment.step(act(observed, before, random))
+            if info["regrasps"] > before:
                 closed.append(environment.grasp)
-        yield Tried(said["object"], closed, said["is_success"])
+        yield Tried(info["object"], closed, info["is_success"])
 
 
 def write_film(path: Path, world: World, file: ObjectFile, grasps: list[Grasp]) -> None:
@@ -155,12 +157,12 @@ def _camera(world: World, file: ObjectFile) -> NDArray[np.float64]:
 def _gels(world: World, before: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
     """Return what both gels show, as before where the object lies deeper in one than that gives way."""
     try:
-        return [_shown(felt) for felt in world.feel().values()]
+        return [_gel_image(felt) for felt in world.feel().values()]
     except QueryError:
         return before
 
 
-def _shown(felt: Felt) -> NDArray[np.uint8]:
+def _gel_image(felt: Felt) -> NDArray[np.uint8]:
     """Return a gel's image, with its markers if they are known."""
     try:
         return felt.markers().drawn_on(felt.image.rgb)

@@ -88,7 +88,7 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         self._first = self.place = self.np_random.uniform(-spread, spread)
         self._regrasps = self._unseen = 0
         self._close()
-        return self._seen, self._said()
+        return self._seen, self._info()
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Grasp again elsewhere, or lift."""
@@ -99,9 +99,9 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
             self._close()
             charged, lifts = self._charge, self._regrasps == self._most
         if not lifts:
-            return self._seen, -charged, False, False, self._said()
+            return self._seen, -charged, False, False, self._info()
         held = self._worlds[self._object_id].lift(self._force_n) >= HELD_SHARE
-        return self._seen, float(held) - charged, True, False, self._said() | {"is_success": held}
+        return self._seen, float(held) - charged, True, False, self._info() | {"is_success": held}
 
     @property
     def _force_n(self) -> float:
@@ -113,7 +113,7 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         self._worlds[self._object_id].close(self.grasp)
         self._seen = self._observed()
 
-    def _said(self) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:
         return {
             "object": self._object_id,
             "place": self.place.copy(),
@@ -124,11 +124,11 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
     def _observed(self) -> Floats:
         world = self._worlds[self._object_id]
         moved = (self.place - self._first) / MOVE
-        left = 1 - self._regrasps / self._most
-        gels = [self._shown(felt) for felt in world.feel().values()]
-        return np.hstack([*gels, world.opening_m / OPENING_M, moved, left]).astype(np.float32)
+        remaining = 1 - self._regrasps / self._most
+        gels = [self._gel_features(felt) for felt in world.feel().values()]
+        return np.hstack([*gels, world.opening_m / OPENING_M, moved, remaining]).astype(np.float32)
 
-    def _shown(self, felt: Felt) -> Floats:
+    def _gel_features(self, felt: Felt) -> Floats:
         """Return how deep a gel is pressed in, and the force on it, as numbers about 1."""
         try:
             depth_m = resize_local_mean(felt.pressed.displacement_m, POOLED)

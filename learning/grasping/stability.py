@@ -41,9 +41,9 @@ def grasps_of(objects: Objects, settings: Settings, workers: Workers) -> Grasps:
         for first, end in pairwise(ends):
             units.append(workers.submit(_batch, worlds, name, range(first, end), settings, parted))
             labels.append(np.full(end - first, objects.ids.index(name)))
-    made = workers.gather(units)
-    found = {name: np.concatenate([np.atleast_1d(one[name]) for one in made]) for name in made[0]}
-    return {**found, "object": np.concatenate(labels)}
+    batches = workers.gather(units)
+    columns = {name: np.concatenate([np.atleast_1d(batch[name]) for batch in batches]) for name in batches[0]}
+    return {**columns, "object": np.concatenate(labels)}
 
 
 def _batch(worlds: Worlds, name: str, which: range, settings: Settings, parted: None) -> Grasps:
@@ -98,7 +98,7 @@ class Predictor:
         labels, seed = torch.from_numpy(self._held.astype(np.int64)), self._settings.seeds[0]
         order = torch.from_numpy(np.random.default_rng(seed).permutation(training))
         checks = max(2, round(VALIDATION_SHARE * len(order)))
-        said = {}
+        predictions = {}
         for senses in SENSES:
             learnt, checked = (
                 Labelled(self._seen(senses, rows), labels[rows]) for rows in (order[checks:], order[:checks])
@@ -107,8 +107,8 @@ class Predictor:
             network = fit_classifier(learnt, checked, 2, self._settings.encoder, seed, senses=channels)
             parts = torch.from_numpy(test).split(PART)
             logs = torch.cat([answers(network, self._seen(senses, rows))[1] for rows in parts])
-            said[senses] = logs.argmax(dim=1).numpy() == 1
-        return said
+            predictions[senses] = logs.argmax(dim=1).numpy() == 1
+        return predictions
 
     def _seen(self, senses: str, rows: torch.Tensor) -> torch.Tensor:
         """Return inputs of senses as channels one after another, all as large as the last."""
@@ -127,12 +127,12 @@ def without_senses(grasps: Grasps, training: Rows, test: Rows) -> dict[str, NDAr
         label: held[training][objects[training] == label].mean() >= 0.5
         for label in np.unique(objects[training])
     }
-    done = np.column_stack([grasps["grasp"], objects])
+    features = np.column_stack([grasps["grasp"], objects])
     trees = HistGradientBoostingClassifier(random_state=0)
     return {
         "majority": np.full(len(test), common),
         "majority of the object": np.array([of_object.get(label, common) for label in objects[test]]),
-        "trees on force and pose": trees.fit(done[training], held[training]).predict(done[test]),
+        "trees on force and pose": trees.fit(features[training], held[training]).predict(features[test]),
     }
 
 
@@ -146,12 +146,12 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         *_by_size(grasps, settings),
         *_by_object(objects, grasps, settings),
     ]
-    said = workers.gather(
+    predictions = workers.gather(
         [workers.submit(_predicted, predictor, training, test) for _, training, test in units]
     )
     curve: dict[str, Any] = {}
     unseen: dict[str, dict[str, float]] = {}
-    for (case, training, test), senses in zip(units, said, strict=True):
+    for (case, training, test), senses in zip(units, predictions, strict=True):
         for who, answer in (senses | without_senses(grasps, training, test)).items():
             if isinstance(case, int):
                 share = float(np.mean(answer == held[test]))
@@ -194,9 +194,9 @@ def _by_size(grasps: Grasps, settings: Settings) -> Iterator[tuple[int, Rows, Ro
 def _by_object(objects: Objects, grasps: Grasps, settings: Settings) -> Iterator[tuple[str, Rows, Rows]]:
     """Yield the name of each object that is left out, grasps of the others, and its own."""
     for label in np.unique(grasps["object"]):
-        mine = grasps["object"] == label
-        others = np.random.default_rng(label).permutation(np.flatnonzero(~mine))
-        yield objects.ids[label], others[: settings.grasping.others], np.flatnonzero(mine)
+        own = grasps["object"] == label
+        others = np.random.default_rng(label).permutation(np.flatnonzero(~own))
+        yield objects.ids[label], others[: settings.grasping.others], np.flatnonzero(own)
 
 
 def _over(row: dict[str, list[float]], of: Callable[[Any], Any]) -> dict[str, float]:

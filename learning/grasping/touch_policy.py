@@ -42,11 +42,11 @@ Played = dict[str, NDArray[Any]]
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return how many objects are held, by policies that touch and by what stands beside them."""
-    grasps, asked = Grasps(objects, settings), settings.regrasping
+    grasps, parameters = Grasps(objects, settings), settings.regrasping
     workers.gather([workers.submit(grasps.worlds.part, name) for name in grasps.worlds])
-    learnt: dict[int, Any] = dict.fromkeys(asked.seeds)
-    for number in range(asked.rollouts):
-        for seed in asked.seeds:  # in turn, so that all are learnt at a time
+    learnt: dict[int, Any] = dict.fromkeys(parameters.seeds)
+    for number in range(parameters.rollouts):
+        for seed in parameters.seeds:  # in turn, so that all are learnt at a time
             learnt[seed] = workers.submit(grasps.learn, seed, number, learnt[seed])
     moves = [workers.submit(grasps.tried, move) for move in FIXED_MOVES]
     tests = {
@@ -54,15 +54,17 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         "random": grasps.tests(workers, _random),
         "hardest, centred": grasps.tests(workers, _lift, hardest=True),
     }
-    held = [found["held"].sum() for found in workers.gather(moves)]
+    held = [episodes["held"].sum() for episodes in workers.gather(moves)]
     best = FIXED_MOVES[int(np.argmax(held))]
     tests["fixed move"] = grasps.tests(workers, partial(_moved, best))
     for seed, last in learnt.items():
         tests[f"touch, seed {seed}"] = grasps.tests(workers, partial(_touched, grasps.path(seed)), after=last)
     return {
-        "spread_mm": 1e3 * asked.spread_m,
+        "spread_mm": 1e3 * parameters.spread_m,
         "fixed_move": list(best),
-        "held": {who: _figures(joined(workers.gather(some)), grasps.ids) for who, some in tests.items()},
+        "held": {
+            who: _figures(joined(workers.gather(batches)), grasps.ids) for who, batches in tests.items()
+        },
     }
 
 
@@ -103,7 +105,7 @@ def _touched(path: Path, observed: Floats, regrasps: int, random: np.random.Gene
     return np.asarray(_policy(path).predict(observed, deterministic=True)[0])
 
 
-def _named(act: Act) -> str:
+def _act_name(act: Act) -> str:
     return f"{act.func.__name__} {act.args}" if isinstance(act, partial) else act.__name__
 
 
@@ -127,12 +129,12 @@ def play(environment: Regrasping, act: Act, seeds: range) -> Played:
     """
     rows = []
     for seed in seeds:
-        observed, said = environment.reset(seed=seed)
+        observed, info = environment.reset(seed=seed)
         over, random = False, np.random.default_rng([seed, 1])
         while not over:
-            observed, _, over, _, said = environment.step(act(observed, said["regrasps"], random))
-        label = environment.ids.index(said["object"])
-        rows.append((said["is_success"], label, said["regrasps"], said["unseen"]))
+            observed, _, over, _, info = environment.step(act(observed, info["regrasps"], random))
+        label = environment.ids.index(info["object"])
+        rows.append((info["is_success"], label, info["regrasps"], info["unseen"]))
     held, label, regrasps, unseen = np.array(rows, dtype=np.int64).T
     return {"held": held == 1, "object": label, "regrasps": regrasps, "unseen": unseen}
 
@@ -152,12 +154,12 @@ class Grasps:
     """
 
     def __init__(self, objects: Objects, settings: Settings) -> None:
-        self._asked, self.worlds = settings.regrasping, Worlds(objects)
+        self._parameters, self.worlds = settings.regrasping, Worlds(objects)
         self.ids = list(self.worlds)
         self._least_n = {name: world.least_force_n(objects.files[name]) for name in self.ids}
         modules = (world.__file__, regrasping.__file__, __file__)
         self._key: Mapping[str, Any] = {
-            "asked": self._asked.model_dump(exclude={"seeds", "rollouts", "episodes", "fixed_episodes"}),
+            "asked": self._parameters.model_dump(exclude={"seeds", "rollouts", "episodes", "fixed_episodes"}),
             "files": self.worlds.digests,
             "code": [digest(Path(module)) for module in modules],
         }
@@ -165,11 +167,11 @@ class Grasps:
     def environment(self, force_share: float, spread_m: float) -> Regrasping:
         """Return an environment of all objects."""
         forces_n = {name: force_share * least_n for name, least_n in self._least_n.items()}
-        return Regrasping(self.worlds, forces_n, spread_m, self._asked.regrasps, self._asked.charge)
+        return Regrasping(self.worlds, forces_n, spread_m, self._parameters.regrasps, self._parameters.charge)
 
     def tests(self, workers: Workers, act: Act, *, hardest: bool = False, after: Any = None) -> list[Any]:
         """Submit the test's episodes in batches, which each have their own seeds."""
-        ends = [*range(0, self._asked.episodes, BATCH_EPISODES), self._asked.episodes]
+        ends = [*range(0, self._parameters.episodes, BATCH_EPISODES), self._parameters.episodes]
         return [
             workers.submit(self.played, act, range(TEST + first, TEST + end), hardest, after)
             for first, end in itertools.pairwise(ends)
@@ -177,21 +179,27 @@ class Grasps:
 
     def played(self, act: Act, seeds: range, hardest: bool = False, after: Any = None) -> Played:
         """Return an episode a seed, `hardest` with the greatest force at the centre of mass."""
-        asked = self._asked
-        force_share = world.FORCE_SHARES[1] if hardest else asked.force_share
-        environment = self.environment(force_share, 0.0 if hardest else asked.spread_m)
-        key = {**self._key, "unit": "episodes", "act": _named(act), "hardest": hardest, "seeds": str(seeds)}
+        parameters = self._parameters
+        force_share = world.FORCE_SHARES[1] if hardest else parameters.force_share
+        environment = self.environment(force_share, 0.0 if hardest else parameters.spread_m)
+        key = {
+            **self._key,
+            "unit": "episodes",
+            "act": _act_name(act),
+            "hardest": hardest,
+            "seeds": str(seeds),
+        }
         return kept(key, lambda: play(environment, act, seeds))
 
     def tried(self, move: tuple[float, ...]) -> Played:
         """Return what becomes of a fixed move, on the first seeds that are no test's."""
-        return self.played(partial(_moved, move), range(self._asked.fixed_episodes))
+        return self.played(partial(_moved, move), range(self._parameters.fixed_episodes))
 
     def learnt(self, seed: int) -> "TRPO":
         """Return the policy of a seed."""
         from sb3_contrib import TRPO
 
-        for number in range(self._asked.rollouts):
+        for number in range(self._parameters.rollouts):
             self.learn(seed, number)
         return TRPO.load(self.path(seed))
 
@@ -207,23 +215,23 @@ class Grasps:
         path = self._path(seed, number)
         if path.exists():
             return
-        asked = self._asked
-        environment = DummyVecEnv([lambda: self.environment(asked.force_share, asked.spread_m)])
+        parameters = self._parameters
+        environment = DummyVecEnv([lambda: self.environment(parameters.force_share, parameters.spread_m)])
         model = (
             TRPO.load(self._path(seed, number - 1))
             if number
-            else _untrained(seed, environment, asked.rollout_steps)
+            else _untrained(seed, environment, parameters.rollout_steps)
         )
-        drawn = seed_from(seed, "rollout", str(number)) % 2**32
-        set_random_seed(drawn)
-        environment.seed(drawn)
+        rollout_seed = seed_from(seed, "rollout", str(number)) % 2**32
+        set_random_seed(rollout_seed)
+        environment.seed(rollout_seed)
         model.set_env(environment, force_reset=True)
-        model.learn(asked.rollout_steps, reset_num_timesteps=False)
+        model.learn(parameters.rollout_steps, reset_num_timesteps=False)
         _save(model, path)
 
     def path(self, seed: int) -> Path:
         """Return where the policy of a seed is kept."""
-        return self._path(seed, self._asked.rollouts - 1)
+        return self._path(seed, self._parameters.rollouts - 1)
 
     def known(self, seed: int) -> Act | None:
         """Return who does as `learnt` would, if it has been."""

@@ -223,7 +223,7 @@ class World:
         """Close the fingers until both have touched, and let them settle."""
         for _ in range(round(MOST_CLOSING_S / STEP_S)):
             yield from self.holding(STEP_S, force_n)
-            touched = {name for one in self.simulation.touching() for name in one.bodies}
+            touched = {name for contact in self.simulation.touching() for name in contact.bodies}
             if touched.issuperset(FINGERS):
                 break
         yield from self.holding(SETTLING_S, force_n)
@@ -268,21 +268,21 @@ def attempts(world: World, count: int, seed: int, pixels: int) -> dict[str, NDAr
     InputError
         Most grasps cannot be shown.
     """
-    found: list[tuple[Outcome, Grasp]] = []
+    trials: list[tuple[Outcome, Grasp]] = []
     for tried, grasp in enumerate(drawn_grasps(world.file, seed)):
         with suppress(QueryError):
-            found.append((world.attempt(grasp, pixels), grasp))
-        if len(found) == count:
+            trials.append((world.attempt(grasp, pixels), grasp))
+        if len(trials) == count:
             break
         if tried > MOST_TRIES * count:
             name = world.file.description["object"]["name"]
             remedy = "Leave it out: its collision parts stand off its surface"
-            raise InputError(name, f"the gels show {len(found)} of {tried} grasps", remedy)
-    outcomes, grasps = zip(*found, strict=True)
+            raise InputError(name, f"the gels show {len(trials)} of {tried} grasps", remedy)
+    outcomes, grasps = zip(*trials, strict=True)
     return {
-        "image": np.stack([one.image for one in outcomes]),
-        "touch": np.stack([one.touch for one in outcomes]),
-        "grasp": np.array([astuple(one) for one in grasps]),
-        "held": np.array([one.held for one in outcomes]),
+        "image": np.stack([outcome.image for outcome in outcomes]),
+        "touch": np.stack([outcome.touch for outcome in outcomes]),
+        "grasp": np.array([astuple(grasp) for grasp in grasps]),
+        "held": np.array([outcome.held for outcome in outcomes]),
         "unseen": np.array(tried + 1 - count),
     }

@@ -56,9 +56,9 @@ def world_at(path: Path, digest: str) -> World:
 
 def _parts(path: Path, digest: str) -> list[Surface]:
     key = {"unit": "parts", "file": digest, "parts": PARTS}
-    found = kept(key, lambda: _parted(load(path)))
-    vertices = np.split(found["vertices"], np.cumsum(found["corners"])[:-1])
-    faces = np.split(found["faces"], np.cumsum(found["sides"])[:-1])
+    arrays = kept(key, lambda: _parted(load(path)))
+    vertices = np.split(arrays["vertices"], np.cumsum(arrays["corners"])[:-1])
+    faces = np.split(arrays["faces"], np.cumsum(arrays["sides"])[:-1])
     return [Surface(*hull) for hull in zip(vertices, faces, strict=True)]
 
 

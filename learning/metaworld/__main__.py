@@ -42,20 +42,20 @@ def swapped(scene: Path, asset: Path) -> mujoco.MjModel:
     body = spec.body("obj")
     for geom in body.geoms:
         geom.delete()
-    known = json.loads((asset / "object.json").read_text(encoding="utf-8"))
+    properties = json.loads((asset / "object.json").read_text(encoding="utf-8"))
     parts, points = _parts(asset)
     wide, deep = np.ptp(points[:, :2], axis=0)
     turn = Rotation.from_euler("z", 0.0 if wide >= deep else np.pi / 2)
-    centre = turn.apply(known["centre_of_mass_m"])
+    centre = turn.apply(properties["centre_of_mass_m"])
     place = np.array([-centre[0], -centre[1], -STANDING_M - points[:, 2].min()])
     for number, part in enumerate(parts):
         spec.add_mesh(name=part.stem, file=str(part.resolve()))
         name = "objGeom" if number == 0 else part.stem  # Meta-World asks for the first
         mesh = {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": part.stem}
         body.add_geom(name=name, pos=place, quat=turn.as_quat(scalar_first=True), **mesh, **GRIP)
-    moments, axes = np.linalg.eigh(known["inertia_kg_m2"])
+    moments, axes = np.linalg.eigh(properties["inertia_kg_m2"])
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    body.mass, body.ipos, body.inertia = known["mass_kg"], centre + place, moments
+    body.mass, body.ipos, body.inertia = properties["mass_kg"], centre + place, moments
     body.iquat = (turn * Rotation.from_matrix(axes)).as_quat(scalar_first=True)
     return spec.compile()
 
@@ -88,13 +88,13 @@ def environment(task: str, asset: Path, seed: int) -> Any:
             model = swapped(Path(self.fullpath), asset)
             return model, mujoco.MjData(model)
 
-    made = Swapped()
+    instance = Swapped()
     # As Meta-World's own environments with goals that are seen.
-    made._partially_observable = made._freeze_rand_vec = False
-    made._set_task_called = True
-    del made.sawyer_observation_space
-    made.seed(seed)
-    return made
+    instance._partially_observable = instance._freeze_rand_vec = False
+    instance._set_task_called = True
+    del instance.sawyer_observation_space
+    instance.seed(seed)
+    return instance
 
 
 def successes(task: str, asset: Path, resets: int) -> int:
@@ -107,10 +107,10 @@ def _succeeds(played: Any, policy: Any) -> bool:
     observed, _ = played.reset()
     for _ in range(STEPS):
         action = np.clip(policy.get_action(observed), -1, 1)
-        observed, _, _, over, said = played.step(action)
-        if said["success"] or over:
+        observed, _, _, over, info = played.step(action)
+        if info["success"] or over:
             break
-    return bool(said["success"])
+    return bool(info["success"])
 
 
 def main() -> None:
@@ -124,20 +124,22 @@ def main() -> None:
         help="push and pick-place those alone that the gripper can close round",
     )
     parser.add_argument("--result", type=Path, default=RESULT)
-    asked = parser.parse_args()
-    assets = sorted(path.parent for path in asked.assets.glob("*/object.json"))
+    arguments = parser.parse_args()
+    assets = sorted(path.parent for path in arguments.assets.glob("*/object.json"))
     if not assets:
-        parser.error(f"{asked.assets} has no object: `objectfolder export --format mjcf -o {asked.assets}`")
-    found: dict[str, dict[str, Any]] = {}
+        parser.error(
+            f"{arguments.assets} has no object: `objectfolder export --format mjcf -o {arguments.assets}`"
+        )
+    results: dict[str, dict[str, Any]] = {}
     for task in TASKS:
-        resets = asked.resets or RESETS[task]
-        row = found[task] = {"resets": resets, "succeeded": {}}
+        resets = arguments.resets or RESETS[task]
+        row = results[task] = {"resets": resets, "succeeded": {}}
         for asset in assets:
-            if asked.fitting and task != "reach" and not fits(asset):
+            if arguments.fitting and task != "reach" and not fits(asset):
                 continue
             count = row["succeeded"][asset.name] = successes(task, asset, resets)
             print(f"{task}, {asset.name}: {count} of {resets}", flush=True)
-    asked.result.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    arguments.result.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

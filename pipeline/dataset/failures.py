@@ -75,7 +75,7 @@ def write_failures(
         earlier = read_failures(root)
     run_stages = {stage.name: stage for stage in stages}
     all_stages = {**STAGES, **run_stages}
-    unaffected = [failure for failure in earlier if failure.object in others or failure.stage not in run_stages]
+    unaffected = (entry for entry in earlier if entry.object in others or entry.stage not in run_stages)
     all_failures = [*unaffected, *failures]
     failed = {(failure.object, failure.stage) for failure in all_failures}
     order = list(all_stages | dict.fromkeys(failure.stage for failure in all_failures))
