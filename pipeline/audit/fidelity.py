@@ -90,7 +90,9 @@ def thresholds(texts: Sequence[str]) -> dict[str, float]:
             value = math.nan
         if not math.isfinite(value) or value < 0:
             remedy = f"Write {key}=0.5, in {MEASURES[key].unit or 'its own unit'}."
-            raise InputError(f"--max-loss {text}", "no loss that is allowed", remedy)
+            raise InputError(
+                f"--max-loss {text}", "the allowed loss must be a finite number of at least 0", remedy
+            )
         limits[key] = value
     return limits
 

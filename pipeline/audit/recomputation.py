@@ -78,7 +78,7 @@ def recompute(
         if all(version.content(kind, object_id) is not None for kind in stage.products)
     ]
     if count and not candidates:
-        raise InputError(version.label, "it has no product", "Run `dvc pull`, or name another version.")
+        raise InputError(version.label, "has no product", "Run `dvc pull`, or name another version.")
     chosen = random.Random(seed).sample(candidates, min(count, len(candidates)))
     results = []
     with tempfile.TemporaryDirectory(prefix="objectfolder-again-") as folder:
@@ -136,7 +136,7 @@ class _Bench:
     def _content(self, kind: ProductKind, object_id: str) -> Content:
         content = self._version.content(kind, object_id)
         if content is None:
-            raise InputError(kind.name, "the version has none of this object", "Run `dvc repro`.")
+            raise InputError(kind.name, f"the version has no such product of {object_id}", "Run `dvc repro`.")
         return content
 
     def _inputs(self, stage: Stage, object_id: str, parts: Mapping[str, Any]) -> dict[str, Path]:
@@ -146,11 +146,11 @@ class _Bench:
         if stage.sources is None:
             return paths
         if object_id not in self._rows:
-            finding = "its row in the table is not here"
-            raise InputError(object_id, finding, "Make it again from its own work tree.")
+            finding = "the table of objects has no row of it here"
+            raise InputError(object_id, finding, "Check that version out and recompute it there.")
         for role, path in stage.sources(self._rows[object_id]).items():
             if mapping(parts.get("inputs")).get(role) != file_digest(path):
-                finding = f"the {role} here is not the one that it was made from"
+                finding = f"the {role} differs from the one that the product was made from"
                 raise InputError(str(path), finding, "Fetch the version's own files.")
             paths[role] = path
         return paths
@@ -181,7 +181,11 @@ class _Bench:
         """Return a path in the scratch folder, whose parent exists."""
         path = self._root / where
         if not path.parent.resolve().is_relative_to(self._root.resolve()):
-            raise InputError(where, "leads out of the data set", "Look at who wrote dvc.lock.")
+            raise InputError(
+                where,
+                "leads out of the data set",
+                "Do not trust this dvc.lock: its paths must stay in the data set.",
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -190,7 +194,9 @@ def _seed(parts: Mapping[str, Any], where: str) -> int:
     """Return the seed that a product names; another seed would make another product."""
     seed = parts.get("seed")
     if type(seed) is not int:  # a truth value would pass as one
-        raise FormatError(where, f"it names no seed, but {str(seed)[:60]!r}", "See `objectfolder verify`.")
+        raise FormatError(
+            where, f"its seed {str(seed)[:60]!r} is not an integer", "See `objectfolder verify`."
+        )
     return seed
 
 

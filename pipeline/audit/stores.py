@@ -65,7 +65,7 @@ class Stores:
         except Exception as error:  # none is set, or its settings or its library are missing
             if self._remote_name:
                 remotes = ", ".join(sorted(self.repository.config["remote"])) or "none"
-                finding = f"no such remote, or not usable ({str(error).rstrip('.')})"
+                finding = f"no such remote, or it cannot be used ({str(error).rstrip('.')})"
                 raise InputError(self._remote_name, finding, f"The repository has {remotes}.") from error
             reason = str(error).partition("\n")[0].rstrip(".")
             self._no_remote = "no remote is set" if isinstance(error, NoRemoteError) else reason
@@ -166,9 +166,7 @@ class Stores:
     def _missing(self, md5: str, where: str, problems: list[str]) -> NotHere:
         if problems:
             finding = f"not readable here: {md5} ({'; '.join(dict.fromkeys(problems))})"
-            remedy = (
-                "See that the remote can be reached with these credentials (`dvc status -c`), and try again."
-            )
+            remedy = "Check that these credentials reach the remote (`dvc status -c`), and try again."
             return NotHere(where, finding, remedy)
         nowhere = f"not in the cache, and {self._no_remote}"
         if self.remote is not None:

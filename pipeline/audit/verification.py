@@ -119,7 +119,7 @@ def _items(
             findings.append(Finding(path, MISSING, error.finding, error.remedy))
             continue
         if lying and not (contents.root / path).is_dir():
-            finding = f"none of its {len(files)} files is there"
+            finding = f"none of its {len(files)} files exists"
             findings.append(Finding(path, MISSING, finding, f"`dvc pull {path}`, or `dvc checkout {path}`."))
             continue
         kind = kinds.get(path)
@@ -145,14 +145,14 @@ def _check(
         return 0, [item.finding(MISSING, "there is no such file", _restore(item, contents))], None
     except OSError as error:
         text = f"cannot be read ({error.strerror})"
-        return 0, [item.finding(DAMAGED, text, "See the disk and its access rights.")], None
+        return 0, [item.finding(DAMAGED, text, "Check the disk and the permissions of the file.")], None
     findings = []
     if item.md5 and digest != item.md5:
         text = f"its MD5 is {digest}, the version lists {item.md5}"
         findings = [item.finding(OTHER, text, _restore(item, contents))]
     elif not item.md5 and version.damage is None:
-        remedy = "Run `dvc repro`, or `dvc commit` if it is meant to be."
-        findings = [item.finding(UNLISTED, "whole, but dvc.lock does not list it", remedy)]
+        remedy = "Run `dvc repro`, or `dvc commit` if the file belongs to the data set."
+        findings = [item.finding(UNLISTED, "intact, but not listed in dvc.lock", remedy)]
     if item.kind is None or item.path is None:
         return size, findings, None
     try:

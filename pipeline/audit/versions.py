@@ -210,7 +210,9 @@ def _lying(contents: Contents, kind: ProductKind) -> Folder:
         try:
             _, digest = hash_file(str(path), localfs, "md5", state=contents.repository.state)
         except OSError as error:
-            return Folder(problem=FormatError(where, f"cannot be read ({error.strerror})", "See its access."))
+            return Folder(
+                problem=FormatError(where, f"cannot be read ({error.strerror})", "Check its permissions.")
+            )
         products[object_id] = Content(str(digest.value), kind.suffix, where, path)
     return Folder("", products)
 

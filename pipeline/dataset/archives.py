@@ -82,9 +82,9 @@ def describe(
     """
     names = archive.namelist()
     if len(set(names)) != len(names):
-        raise ValueError("an entry is there twice")
+        raise ValueError("an entry occurs twice")
     if GROUP not in names:
-        raise ValueError("no group of Zarr 3")
+        raise ValueError("it has no group of Zarr 3")
     attributes = attributes_of(_json_text(archive, archive.getinfo(GROUP)))
     arrays: dict[str, dict[str, Any]] = {}
     for entry in archive.infolist():
@@ -111,7 +111,7 @@ def attributes_of(text: bytes) -> dict[str, Any]:
     """Return the attributes that a group's JSON holds; raises ValueError or TypeError for any other JSON."""
     metadata = from_json(text)
     if {**metadata, "attributes": {}} != {"zarr_format": 3, "node_type": "group", "attributes": {}}:
-        raise ValueError(f"no group of Zarr 3, or one that says more: {sorted(metadata)}")
+        raise ValueError(f"not a group of Zarr 3, or one with further keys: {sorted(metadata)}")
     if not isinstance(metadata["attributes"], dict):
         raise TypeError("its attributes have no names")
     return metadata["attributes"]

@@ -88,7 +88,7 @@ def read_lock(where: str, text: bytes) -> Lock:
                 for name, value in (values or {}).items()
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise FormatError(where, f"no lock file of DVC ({type(error).__name__})", RESTORE) from error
+        raise FormatError(where, f"not a lock file of DVC ({type(error).__name__})", RESTORE) from error
     return Lock(outs, parameters, frozenset(paths), deps)
 
 
@@ -103,7 +103,7 @@ def read_folder(where: str, text: bytes) -> dict[str, str]:
     try:
         files = {str(entry["relpath"]): str(entry["md5"]) for entry in json.loads(text)}
         if not all(MD5.fullmatch(md5) for md5 in files.values()):
-            raise ValueError("a hash of no MD5's form")
+            raise ValueError("a hash that is not an MD5")
         if any(name.startswith("/") or ".." in name.split("/") for name in files):
             raise ValueError("a name that leads out of it")
     except (ValueError, KeyError, TypeError, RecursionError) as error:

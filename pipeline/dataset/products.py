@@ -135,7 +135,7 @@ def check(path: Path, fingerprint: str) -> None:
     """Raise FormatError unless a product is whole and has this fingerprint."""
     verify(path)
     if read_fingerprint(path) != fingerprint:
-        finding = "another fingerprint than its name says"
+        finding = "its fingerprint differs from that in its name"
         raise FormatError(str(path), finding, "Delete it; a run makes it again.")
 
 

@@ -75,7 +75,7 @@ def validated(where: str, kind: type[Kind], content: Any, context: Mapping[str, 
     try:
         text = json.dumps(content, default=str)
     except TypeError as error:
-        raise InputError(where, "a key is neither text nor a number", "Correct it.") from error
+        raise InputError(where, "a key is neither a string nor a number", "Correct it.") from error
     try:
         return TypeAdapter(kind).validate_json(text, strict=True, context=dict(context or {}))
     except ValidationError as error:
@@ -109,14 +109,12 @@ def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
             names = [(key.tag, key.value) for key, _ in parts if isinstance(key, yaml.ScalarNode)]
             if len(set(names)) < len(names):
                 twice = next(name for name in names if names.count(name) > 1)
-                raise yaml.MarkedYAMLError(
-                    None, None, f"the key {twice[1]!r} is there twice", node.start_mark
-                )
+                raise yaml.MarkedYAMLError(None, None, f"the key {twice[1]!r} occurs twice", node.start_mark)
             parts = [part for pair in parts for part in pair]
         counts[id(node)] = 1 + sum(_count_nodes(part, counts) for part in parts)
     count = counts[id(node)]
     if count is None or count > MOST_NODES:
-        finding = f"more than {MOST_NODES} values" if count else "a part is inside itself"
+        finding = f"more than {MOST_NODES} values" if count else "a part contains itself"
         raise yaml.MarkedYAMLError(None, None, finding, node.start_mark)
     return count
 
@@ -139,7 +137,7 @@ def number_of(variable: str, default: float) -> float:
     with contextlib.suppress(ValueError):
         if (number := float(text)) >= 0:
             return number
-    raise InputError(variable, f"{text!r} is no number from 0 on", "Correct it, or leave it out.")
+    raise InputError(variable, f"{text!r} is not a number of at least 0", "Correct it, or leave it out.")
 
 
 def did_you_mean(name: str, names: Iterable[str], otherwise: str) -> str:

@@ -66,7 +66,7 @@ def read_photographs(sources: Sequence[Path], untouched: Path | None = None) -> 
     if untouched is None:
         called = " or ".join(f"{name}.png" for name in UNTOUCHED)
         raise InputError(
-            "photographs", "none of the untouched sensor", f"Name it {called}, or give --untouched."
+            "photographs", "no picture shows the untouched sensor", f"Name it {called}, or give --untouched."
         )
     empty = _picture(untouched)
     height, width = empty.shape[:2]

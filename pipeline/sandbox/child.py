@@ -120,15 +120,17 @@ class _LoadedCode:
         if self._mkl_alone and TORCH in packages:
             return False
         self._mkl_alone |= MKL in packages and TORCH not in sys.modules
-        wanted = call.parts.get("code")
-        if wanted is None:
+        named_code = call.parts.get("code")
+        if named_code is None:
             return True
         try:
-            found = code_identity(call.task.partition(":")[0], self._known)
+            current_code = code_identity(call.task.partition(":")[0], self._known)
         except InputError:
             return True  # the import will say what is wrong
-        self._digests = {**found, **self._digests}
-        return found == wanted and all(self._digests[name] == digest for name, digest in wanted.items())
+        self._digests = {**current_code, **self._digests}
+        return current_code == named_code and all(
+            self._digests[name] == digest for name, digest in named_code.items()
+        )
 
 
 def _cpu_seconds() -> float:

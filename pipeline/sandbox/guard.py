@@ -71,7 +71,7 @@ def _wait(task: int, woken: int) -> int | None:
 
 def _end_all(task: int) -> int:
     """Kill every process below this one; return the status of `task`, if it is among them."""
-    found = 0
+    task_status = 0
     while True:
         for pid in descendants(os.getpid()):
             with contextlib.suppress(ProcessLookupError):
@@ -79,9 +79,9 @@ def _end_all(task: int) -> int:
         try:
             pid, status = os.waitpid(-1, 0)
         except ChildProcessError:
-            return found
+            return task_status
         if pid == task:
-            found = status
+            task_status = status
 
 
 def _end_as(status: int) -> None:

@@ -182,8 +182,8 @@ class Child:
         """Wait until a child answers or ends; return why it must end before."""
         limit_s = self._settings.time_limit_s
         deadline = time.monotonic() + limit_s
-        while (left := deadline - time.monotonic()) > 0:
-            if self._answers.poll(min(left, watch.pause_s)):
+        while (remaining_s := deadline - time.monotonic()) > 0:
+            if self._answers.poll(min(remaining_s, watch.pause_s)):
                 return None
             failure = watch.look(object_id)
             if failure is not None:

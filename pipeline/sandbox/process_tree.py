@@ -10,13 +10,13 @@ LISTED = Path("/proc/thread-self/children").exists()  # as by Linux, unless it i
 
 def descendants(pid: int) -> list[int]:
     """Return the ids of all processes below `pid`, without itself; of none that is gone."""
-    found: list[int] = []
+    pids: list[int] = []
     pending = [pid]
     while pending:
         below = list(_children(pending.pop()))
-        found.extend(below)
+        pids.extend(below)
         pending.extend(below)
-    return found
+    return pids
 
 
 def cpu_seconds(pid: int) -> float:
@@ -38,16 +38,16 @@ def end_with_variable(name: str, value: str) -> None:
     """
     import psutil
 
-    found = True
-    while found:
-        found = False
+    killed = True
+    while killed:
+        killed = False
         for process in psutil.process_iter(["environ"]):
             environment = process.info["environ"] or {}  # of another user's process, nothing is known
             if environment.get(name) == value and process.pid != os.getpid():
                 with contextlib.suppress(psutil.Error):
                     process.kill()
                     process.wait(1.0)
-                    found = True
+                    killed = True
 
 
 def _children(pid: int) -> Iterator[int]:

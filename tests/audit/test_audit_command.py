@@ -90,9 +90,9 @@ def test_threshold(run):
     ("text", "said"),
     [
         ("vision.psnr=0.5", "the nearest is 'vision.psnr_db'"),
-        ("vision.psnr_db", "no loss that is allowed"),
-        ("vision.psnr_db=-1", "no loss that is allowed"),
-        ("vision.psnr_db=nan", "no loss that is allowed"),
+        ("vision.psnr_db", "the allowed loss must be a finite number of at least 0"),
+        ("vision.psnr_db=-1", "the allowed loss must be a finite number of at least 0"),
+        ("vision.psnr_db=nan", "the allowed loss must be a finite number of at least 0"),
     ],
 )
 def test_threshold_that_is_none(run, text, said):
@@ -127,7 +127,7 @@ def test_damaged_lock(run, made):
     made.git("reset", "-q")
     status, _, error = run("audit", commit, "HEAD")
     assert status == FAILED
-    assert "no lock file of DVC" in error
+    assert "not a lock file of DVC" in error
 
 
 @pytest.mark.parametrize("text", [b"stages: [1, {", b"\x00\xff\xfe", b"schema: '2.0'\nstages:\n  views: 3\n"])
@@ -138,10 +138,10 @@ def test_damaged_lock_of_the_work_tree_is_a_finding(run, made, text):
     try:
         status, _, error = run("audit")
         assert status == FAILED
-        assert "dvc.lock: no lock file of DVC" in error
+        assert "dvc.lock: not a lock file of DVC" in error
         status, out, _ = run("verify")
         assert status == FAILED
-        assert "damaged: dvc.lock: no lock file of DVC" in out
+        assert "damaged: dvc.lock: not a lock file of DVC" in out
         assert "Restore it from git" in out
         # Every product is still held against its own checksums, and nothing else is wrong.
         assert ": 1 findings" in out
@@ -352,7 +352,7 @@ def test_lock_of_other_formats():
     assert is_folder(read_lock("dvc.lock", old).outs["data/views"])
     cloud = b"schema: '2.0'\nstages:\n  a:\n    cmd: x\n    outs:\n    - path: s3://b/k\n      etag: abc\n"
     assert read_lock("dvc.lock", cloud).outs == {}
-    with pytest.raises(Exception, match="no lock file"):
+    with pytest.raises(Exception, match="not a lock file"):
         read_lock("dvc.lock", b"- 1\n")
 
 

@@ -293,7 +293,7 @@ def test_product_that_names_no_seed_is_not_made_with_another(workshop, seed):
             one.object_id: one for one in recompute(contents, workshop.at(contents, None), [stage], 2, 0)
         }
     assert found["cup"].verdict == FAILED
-    assert "data/touches/cup.zarr.zip: it names no seed" in found["cup"].finding
+    assert "data/touches/cup.zarr.zip: its seed" in found["cup"].finding
 
 
 def test_draw_is_of_its_seed(workshop, monkeypatch):

@@ -184,5 +184,5 @@ def test_contradicting_options_and_a_broken_lock_remove_nothing(used, capsys):
     assert run(root, "--yes", "--dry-run") == 2
     (root / "dvc.lock").write_text("stages: [")
     assert run(root, "--yes") == 1
-    assert "no lock file of DVC" in capsys.readouterr().err
+    assert "not a lock file of DVC" in capsys.readouterr().err
     assert dead.exists()

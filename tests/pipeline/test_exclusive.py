@@ -82,7 +82,7 @@ def test_waiting_ends_after_the_seconds_allowed(tmp_path, monkeypatch):
 @pytest.mark.parametrize("text", ["soon", "-1", "nan"])
 def test_no_number_of_seconds_is_an_error(tmp_path, monkeypatch, text):
     monkeypatch.setenv(WAIT, text)
-    with pytest.raises(InputError, match="no number from 0 on"), exclusive(tmp_path, "stage modes"):
+    with pytest.raises(InputError, match="not a number of at least 0"), exclusive(tmp_path, "stage modes"):
         pytest.fail("entered")
 
 

@@ -77,16 +77,16 @@ def test_what_is_named_goes_before_the_variables(root, monkeypatch):
         ("- 1", "holds no keys", "section with keys"),
         ("a: [", "cannot be read", "must be a YAML file"),
         ("[" * 60 + "]" * 60, "nested more than 50 deep", "must be a YAML file"),
-        ("kwargs: &a {b: *a}", "a part is inside itself", "must be a YAML file"),
+        ("kwargs: &a {b: *a}", "a part contains itself", "must be a YAML file"),
         (
             "a: &a [0,0,0,0,0,0,0,0,0,0]\n"
             + "".join(f"{new}: &{new} [{','.join([f'*{old}'] * 10)}]\n" for old, new in pairwise("abcdef")),
             "more than 100000 values",
             "must be a YAML file",
         ),
-        ("memory_gb: 1\nmemory_gb: 2", "the key 'memory_gb' is there twice", "must be a YAML file"),
+        ("memory_gb: 1\nmemory_gb: 2", "the key 'memory_gb' occurs twice", "must be a YAML file"),
         ("threads: " + "9" * 5000, "Exceeds the limit", "must be a YAML file"),
-        ("kwargs: {2020-01-01: 1}", "a key is neither text nor a number", "Correct it"),
+        ("kwargs: {2020-01-01: 1}", "a key is neither a string nor a number", "Correct it"),
     ],
 )
 def test_what_cannot_be_is_refused(root, text, finding, remedy):

@@ -231,7 +231,7 @@ def test_a_store_that_cannot_be_used_says_why(bucket, faults, impatient, monkeyp
     with pytest.raises(InputError, match="credentials"):
         Store(f"s3://{bucket}").check()
     monkeypatch.setenv(PATIENCE, "soon")
-    with pytest.raises(InputError, match="'soon' is no number"):
+    with pytest.raises(InputError, match="'soon' is not a number"):
         Store(f"file://{tmp_path}")
 
 

@@ -245,7 +245,7 @@ def test_what_is_known_otherwise_of_one_resolution_does_not_touch_another(place)
         ("ycb:../elsewhere", "has '/' in it", "Copy the name"),
         ("ycb:", "'' is no name", "Copy the name"),
         ("gso:" + "é" * 150, "File name too long", ""),
-        ("polyhaven:Télé", "is no slug", "Copy the end of the address"),
+        ("polyhaven:Télé", "is not a slug", "Copy the end of the address"),
         ("polyheaven:Television_01", "no such source", "Did you mean polyhaven?"),
         ("025_mug", "does not say of which source it is", "Write it as ycb:025_mug"),
     ],
@@ -275,7 +275,7 @@ def test_an_absent_object_of_a_source_without_a_list_is_told(place):
     place.sources.server.documents.clear()
     (place.sources.folder / "ycb/objects.json").unlink()
     for source_id in ("ycb:902_none", "gso:None", "polyhaven:None"):
-        with pytest.raises(InputError, match="the source's list cannot be had"):
+        with pytest.raises(InputError, match="the source's list cannot be fetched"):
             place.fetch(source_id)
 
 

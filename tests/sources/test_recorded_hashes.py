@@ -66,7 +66,7 @@ def test_a_damaged_table_is_refused_and_left_alone(tmp_path, text):
 def test_a_table_in_another_encoding_is_refused(tmp_path):
     table = tmp_path / "source_hashes.csv"
     table.write_bytes(HEADER.encode() + b"\xff\xfe\n")
-    with pytest.raises(InputError, match="no CSV table of hashes in UTF-8"):
+    with pytest.raises(InputError, match="not a CSV table of hashes in UTF-8"):
         read_hashes(table)
 
 

@@ -302,11 +302,11 @@ def test_every_flipped_bit_is_seen_or_changes_nothing(tmp_path, kind):
     ("content", "said"),
     [
         (b"", "no archive"),
-        (b"\n<!doctype html><html>Sign in</html>", "page of the web"),
+        (b"\n<!doctype html><html>Sign in</html>", "web page"),
         (b"BZh91AY&SY" + b"\0" * 600, "no archive"),
         (b"MZ" + zipped([("a", b"1")]), "no archive"),
-        (gzip.compress(b"no tar"), "not to be unpacked"),
-        (gzip.compress(b""), "not to be unpacked"),
+        (gzip.compress(b"no tar"), "cannot be unpacked"),
+        (gzip.compress(b""), "cannot be unpacked"),
         *((MAKERS[kind]([("a/", b"")]), "holds no file") for kind in KINDS),
     ],
     # Not the content: that of gzip holds the time.
@@ -314,7 +314,7 @@ def test_every_flipped_bit_is_seen_or_changes_nothing(tmp_path, kind):
 )
 def test_what_is_no_archive(tmp_path, content, said):
     finding = refused(tmp_path, content)
-    assert said in f"not to be unpacked: {finding}"
+    assert said in f"cannot be unpacked: {finding}"
 
 
 def test_an_archive_that_is_not_there(tmp_path):

@@ -101,7 +101,7 @@ def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Pat
     with pytest.raises(InputError, match="elsewhere is not there"):
         read_photographs([tmp_path / "elsewhere"])
     (tmp_path / "untouched.png").unlink()
-    with pytest.raises(InputError, match="none of the untouched sensor"):
+    with pytest.raises(InputError, match="no picture shows the untouched sensor"):
         read_photographs([tmp_path])
 
 

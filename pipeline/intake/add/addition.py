@@ -249,7 +249,7 @@ def _licence(text: str) -> str:
     hint = f"Did you mean {near}? " if near else ""
     raise InputError(
         "--licence",
-        f"{text!r} is no licence that SPDX knows",
+        f"{text!r} is not a licence identifier of SPDX",
         f"{hint}Use an identifier of https://spdx.org/licenses, such as CC-BY-4.0, or LicenseRef-NAME",
     )
 

@@ -164,7 +164,7 @@ class Downloader:
             return TypeAdapter(kind).validate_json(content)
         except ValidationError as error:
             detail = error.errors(include_url=False)[0]
-            finding = f"its server answers with no JSON of the form that is known ({detail['msg']})"
+            finding = f"its server's answer is not JSON of the expected form ({detail['msg']})"
             remedy = "Open it in a browser: a proxy may answer in its place. Or use a mirror."
             raise FormatError(url, finding, remedy) from error
 
@@ -222,7 +222,7 @@ class Downloader:
                 if part == f"bytes */{count}":
                     return True  # all of it was there
                 if not count:
-                    remedy = "Use a mirror: that is no answer to a request for all of a file."
+                    remedy = "Use a mirror: this server refuses a request for a whole file."
                     raise InputError(expected.url, "its server has no part of it (416)", remedy)
             content_range = re.fullmatch(rf"bytes {count}-(\d+)/(\d+)", part)
             resumed = response.status_code == 206 and content_range is not None and count > 0

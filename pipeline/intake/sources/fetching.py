@@ -228,7 +228,7 @@ class Fetcher:
                 shutil.copyfile(file, place)
             elif not unpack(file, folder, top=entry.top, selects=source_object.source.wanted):
                 finding = f"holds none of the wanted files{f' in {entry.top}/' if entry.top else ''}"
-                raise FormatError(file.name, finding, "Its source lays it out differently than it did.")
+                raise FormatError(file.name, finding, "The source has changed the layout of its archives.")
         paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
         if RECORD in paths:
             raise FormatError(source_object.id, f"has a file {RECORD!r} of its own", "Tell its source.")
@@ -246,7 +246,7 @@ class Fetcher:
         if isinstance(entry.url, Path):
             path = str(entry.url)
             if not entry.url.is_file():
-                raise AbsentError(path, "no such file", "See whether its disk is there.")
+                raise AbsentError(path, "no such file", "Check the path, and that its disk is mounted.")
             if difference := Expected(path, entry.md5, entry.size, LIMIT_BYTES).difference(entry.url):
                 raise FormatError(path, difference, REMEDY)
             return entry.url
@@ -263,7 +263,7 @@ class Fetcher:
             # Some servers refuse what they do not have; one that refuses its list, too, refuses everything.
             if isinstance(problem, RefusedError):
                 return problem
-            finding = f"not there, and the source's list cannot be had ({unlisted.finding})"
+            finding = f"not found, and the source's list cannot be fetched ({unlisted.finding})"
             return InputError(source_object.id, finding, f"Look for its name on {source.page}.")
         if source_object.name in names:
             remedy = source.absent.replace("NAME", source_object.name)

@@ -226,7 +226,7 @@ def failure(url: str, error: Exception) -> InputError:
     if isinstance(error, requests.exceptions.SSLError) and "CERTIFICATE_VERIFY_FAILED" in text:
         return InputError(
             url,
-            "its certificate is not to be trusted",
+            "its certificate cannot be verified",
             "Check the clock and the address; for a proxy that opens connections, name its authority's "
             "certificate in REQUESTS_CA_BUNDLE.",
         )

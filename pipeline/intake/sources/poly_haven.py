@@ -99,7 +99,7 @@ class PolyHaven(Source):
         if not _SLUG.fullmatch(name):
             raise InputError(
                 self.source_id(name),
-                "is no slug: letters, digits, '_' and '-', at most 50",
+                "is not a slug: letters, digits, '_' and '-', at most 50",
                 "Copy the end of the address of its page, as Television_01 of polyhaven.com/a/Television_01.",
             )
 

@@ -64,12 +64,12 @@ def read_hashes(path: Path) -> Hashes:
                 where = f"{path} line {reader.line_num}"
                 source_id, name, size, sha256 = cells
                 if not size.isdecimal() or not _SHA256.fullmatch(sha256):
-                    raise ValueError(f"{size!r} and {sha256!r} are no size and hash")
+                    raise ValueError(f"{size!r} and {sha256!r} are not a size and a SHA-256 hash")
                 content = Content(int(size), sha256)
                 if hashes.setdefault((source_id, name), content) != content:
-                    raise ValueError(f"says otherwise of {name} than a line above")
+                    raise ValueError(f"contradicts a line above about {name}")
     except (csv.Error, ValueError) as problem:
-        raise InputError(where, f"no CSV table of hashes in UTF-8 ({problem})", "Restore it.") from problem
+        raise InputError(where, f"not a CSV table of hashes in UTF-8 ({problem})", "Restore it.") from problem
     return hashes
 
 

@@ -90,7 +90,9 @@ def mirrored_addresses(mirrors: Iterable[str]) -> dict[str, str]:
         of, _, address = text.rpartition("=") if "://" in text.partition("=")[0] else text.partition("=")
         if not of or not address.startswith(("http://", "https://")):
             raise InputError(
-                f"mirror {text!r}", "is no SOURCE=http://...", "Write it as ycb=http://localhost:8000/ycb"
+                f"mirror {text!r}",
+                "is not of the form SOURCE=http://...",
+                "Write it as ycb=http://localhost:8000/ycb",
             )
         starts = (of,) if "://" in of else source_named(of).addresses
         for start in starts:
@@ -156,5 +158,9 @@ def table_ids(table: Path, only: Collection[str] = ()) -> list[str]:
             remedy = did_you_mean(object_id, ids, "Use an id of the table.")
             raise InputError(str(table), f"there is no object {object_id!r}", remedy)
         if not ids[object_id]:
-            raise InputError(f"{table}, {object_id}", "has no source_id", "Its files are not to be fetched.")
+            raise InputError(
+                f"{table}, {object_id}",
+                "has no source_id",
+                "Fill in its source_id, or leave it out: its files cannot be fetched.",
+            )
     return [row["source_id"] for _, row in rows if row["source_id"] and (not only or row["id"] in only)]

@@ -83,11 +83,11 @@ def unpack(
                     member.extract(inner, folder)
                     files.append(inner)
         except RecursionError as error:
-            finding = "not to be unpacked: its headers follow one another without end"
+            finding = "cannot be unpacked: its headers follow one another without end"
             raise FormatError(str(archive), finding, REMEDY) from error
         except DAMAGE as error:
             reason = str(error) or type(error).__name__
-            raise FormatError(str(archive), f"not to be unpacked: {reason}", REMEDY) from error
+            raise FormatError(str(archive), f"cannot be unpacked: {reason}", REMEDY) from error
     return files
 
 
@@ -110,7 +110,7 @@ def _checked(members: Iterable[_Member], limit_bytes: int) -> Iterator[tuple[str
         for place in ((path, number), *((parent, 0) for parent in path.parents)):
             key = unicodedata.normalize("NFC", unicodedata.normalize("NFC", str(place[0])).casefold())
             if places.setdefault(key, place) != place:
-                raise ValueError(f"{str(path)!r} is there twice where case is not told apart")
+                raise ValueError(f"{str(path)!r} occurs twice where case is ignored")
         if not member.is_folder:
             files += 1
             yield str(path), member
@@ -160,7 +160,7 @@ def _members(archive: Path) -> Iterator[_Member]:
         with _Bounded(gzip.GzipFile(archive), BUFFER) as content:
             yield from _tar_members(content)
     elif start.startswith(b"<"):
-        raise ValueError("a page of the web, and no archive")
+        raise ValueError("a web page, not an archive")
     else:
         raise ValueError("no archive: neither zip nor tar.gz")
 
@@ -177,7 +177,7 @@ def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
     file.seek(-12 - len(archive.comment), io.SEEK_END)
     (count,) = struct.unpack("<H", file.read(2))
     if len(entries) != count and count != 0xFFFF:
-        raise ValueError(f"its directory has {len(entries)} entries and tells of {count}")
+        raise ValueError(f"its directory has {len(entries)} entries but declares {count}")
     for entry in entries:
         name = entry.orig_filename  # `filename` ends at a zero byte
         kind = stat.S_IFMT(entry.external_attr >> 16)

@@ -267,8 +267,8 @@ class PlayedWorld:
         self._world.carry(*self._grabbed, point)
         return {"body": hit.body, "point": point.tolist()}
 
-    def _pull(self, asked: Mapping[str, Any]) -> dict[str, Any]:
-        target = numbers_of(asked, "target", (3,))
+    def _pull(self, query: Mapping[str, Any]) -> dict[str, Any]:
+        target = numbers_of(query, "target", (3,))
         if self._grabbed:
             self._world.carry(*self._grabbed, target)
         return {}
