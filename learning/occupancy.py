@@ -60,7 +60,7 @@ class OccupancyNetwork(nn.Module):
         self.scales, self.shift = nn.Linear(CONDITION, width), nn.Linear(CONDITION, 1)
 
     def functions(self, points: torch.Tensor) -> torch.Tensor:
-        """Return the values (p, width) of the functions of place."""
+        """Return the values (p, width) of the functions at points (p, 3)."""
         places = (points / HALF_SIDE)[None, :, None, None]
         read = [grid_sample(grid, places, align_corners=True)[0, :, :, 0, 0].T for grid in self.grids]
         return self.norm(self.layers(torch.cat([*read, points], dim=1)))

@@ -61,7 +61,7 @@ def aligned(parts: Sequence[Encoded], draws: int, seed: int) -> tuple[torch.Tens
 
 
 def inverse_temperature(validation: Encoded) -> float:
-    """Return by what the log probabilities of a sense are multiplied, so that it is as sure as it is right.
+    """Return the factor on a sense's log probabilities that makes its confidence match its accuracy.
 
     That is the inverse temperature of Guo et al. (2017, ICML, section 4.2), found on the validation samples.
     Its logarithm has a normal prior of `PRIOR_DEVIATION`: else a sense that never errs there has no doubt.
@@ -76,7 +76,7 @@ def inverse_temperature(validation: Encoded) -> float:
 
 
 def fused(encoders: Sequence[Encoder], seed: int) -> NDArray[np.bool_]:
-    """Return which of the test's several senses name rightly together.
+    """Return which test samples several senses together name rightly.
 
     Their log probabilities are summed, each times its `inverse_temperature`. That is a linear layer on their
     joined features, each sense's part trained alone. One that is trained on joined features relies on the

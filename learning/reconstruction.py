@@ -147,7 +147,7 @@ class Trial:
         }
 
     def _answers(self, label: int) -> list[int]:
-        """Return whom of the known objects the senses name together, for draws of an object's samples."""
+        """Return the known objects that the senses together name for draws of an object's samples."""
         random = np.random.default_rng(self.seed)
         logs = np.zeros((self.settings.reconstruction.tests, len(self.objects)))
         for encoder in self.encoders:

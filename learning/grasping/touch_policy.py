@@ -234,7 +234,7 @@ class Grasps:
         return self._path(seed, self._parameters.rollouts - 1)
 
     def known(self, seed: int) -> Act | None:
-        """Return who does as `learnt` would, if it has been."""
+        """Return the learnt policy of a seed as an act; None if it is not trained yet."""
         path = self.path(seed)
         return partial(_touched, path) if path.exists() else None
 

@@ -71,9 +71,9 @@ def to_fetch(contents: Contents, old: Version, new: Version) -> Fetch:
 
 
 def _hashes(contents: Contents, version: Version, other: Version, unlisted: set[str]) -> dict[str, set[str]]:
-    """Return the hashes of a version's files by output, without the outputs that are equal in the other.
+    """Return the hashes of a version's files by output, without outputs that the other version has unchanged.
 
-    Outputs whose list of files cannot be read are put to the unlisted. What git has is not fetched by DVC.
+    Outputs whose list of files cannot be read are added to `unlisted`; files that git has are left out.
     """
     hashes = {path: lying for path in version.folders if (lying := version.lying(path))}
     same = set(other.lock.outs.values())

@@ -64,7 +64,7 @@ def _nested(flat: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _number(cell: Any) -> float | None:
-    """Return the number of a cell; None for an empty one, and for what is no number."""
+    """Return the number in a cell; None for an empty cell or one that is not a number."""
     try:
         return float(cell)
     except (TypeError, ValueError, OverflowError):

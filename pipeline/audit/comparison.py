@@ -27,7 +27,7 @@ Pair = tuple[Content | None, Content | None]
 
 
 class Comparison:
-    """A comparison of two versions; of changed products arrays are read, too, where `read_arrays` says so."""
+    """A comparison of two versions; with `read_arrays`, also of the arrays of changed products."""
 
     def __init__(
         self,
@@ -191,7 +191,7 @@ class Comparison:
         return old.problem is None and new.problem is None
 
     def _digests(self, changed: Pair | None) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the shape and colour of an object in both versions, where that product changed."""
+        """Return the digests of geometry and texture in both versions, if that product changed."""
         old, new = changed or (None, None)
         if old is None or new is None:
             return {}, {}
@@ -205,7 +205,7 @@ class Comparison:
 
 
 def _renamed(contents: Contents, old: Version, new: Version) -> dict[str, str]:
-    """Return former id to later id of objects read from the same files, those of one material first."""
+    """Map former to later ids of objects that are read from the same files; equal materials match first."""
     old_ids, new_ids = sorted(old.listed - new.listed), sorted(new.listed - old.listed)
     if not old_ids or not new_ids:
         return {}

@@ -106,7 +106,7 @@ class Contents(Stores):
             return None
 
     def sizes_far(self, digests: Iterable[str]) -> Mapping[str, int]:
-        """Return the bytes of contents as the remote has them, those it has."""
+        """Return the sizes in bytes of those contents that the remote has."""
         names = list(digests)
         if not names or self.remote is None:
             return {}

@@ -98,7 +98,7 @@ def read(file: BinaryIO, suffix: str, where: str) -> Description:
 
 
 def _of_archive(file: BinaryIO) -> Description:
-    """Read the end of an archive, which has the attributes, the list of entries, and where that begins."""
+    """Read the end of an archive: the attributes, the list of entries, and the offset of that list."""
     tail_start = max(0, file.seek(0, io.SEEK_END) - TAIL_BYTES)
     file.seek(tail_start)
     tail = file.read(TAIL_BYTES)

@@ -65,7 +65,7 @@ def _loss(measure: Measure, old: float | None, new: float | None) -> float:
 
 
 def worst_first(changes: Iterable[FidelityChange]) -> list[FidelityChange]:
-    """Order by how much a person would notice of the loss, gains last."""
+    """Order by how noticeable the loss is, gains last."""
     return sorted(changes, key=lambda change: (-change.weight, change.object_id, change.measure))
 
 

@@ -65,7 +65,7 @@ class StageChange:
 
     @property
     def follows(self) -> bool:
-        """Whether it changed because of stages before it only."""
+        """Whether it changed only because earlier stages did."""
         return bool(self.reasons) and all(reason.kind == UPSTREAM for reason in self.reasons)
 
 
@@ -91,7 +91,7 @@ class ObjectChange:
 
     @property
     def roots(self) -> tuple[Reason, ...]:
-        """Reasons that are no consequence of another stage's change, each once."""
+        """Distinct reasons that do not follow from the change of another stage."""
         return tuple(
             distinct(reason for stage in self.stages for reason in stage.reasons if reason.kind != UPSTREAM)
         )
@@ -204,7 +204,7 @@ def groups(audit: Audit) -> list[Group]:
 
 
 def sentences(reasons: Sequence[Reason]) -> list[str]:
-    """Return reasons as texts; many modules of code, or parameters of one section, in one."""
+    """Return reasons as texts; many changed modules, or parameters of one section, are joined in one."""
     texts = []
     together: dict[tuple[str, str], list[Reason]] = defaultdict(list)
     for reason in reasons:
@@ -247,12 +247,12 @@ def counts(audit: Audit) -> str:
 
 
 def numbered(counts: Mapping[str, int]) -> str:
-    """Return numbers of words, as in ``3 equal, 1 different``."""
+    """Return counts as text, as in ``3 equal, 1 different``."""
     return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def names(changes: Sequence[ObjectChange], most: int = 6) -> str:
-    """Return ids with commas between them, the rest counted."""
+    """Return ids separated by commas; ids beyond `most` are only counted."""
     ids = [
         f"{entry.was} -> {entry.object_id}" if entry.state == State.RENAMED else entry.object_id
         for entry in changes

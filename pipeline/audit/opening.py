@@ -54,7 +54,7 @@ def opened_folder(folder: str, revision: str | None = None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def opened_clone(address: str, revision: str | None = None) -> Iterator[Any]:
-    """Clone a repository to a temporary folder, and open a revision: of none, its default branch.
+    """Clone a repository to a temporary folder and open a revision, by default that of its default branch.
 
     Nobody is asked for a name or a password; git's credential helpers are.
 
@@ -94,7 +94,7 @@ def opened_clone(address: str, revision: str | None = None) -> Iterator[Any]:
 
 
 def _check_settings(root: Path, revision: str | None) -> None:
-    """Raise InputError where settings under version control go beyond what is taken of them."""
+    """Raise InputError where settings under version control go beyond those that are trusted."""
     from dvc.config import Config, merge
     from dvc.fs import GitFileSystem
     from dvc.scm import SCM
@@ -125,7 +125,7 @@ def _check_settings(root: Path, revision: str | None) -> None:
 
 
 def _remotes(settings: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the remotes of settings that DVC has not checked yet; what is none it refuses later."""
+    """Return the remotes in settings that DVC has not checked yet; it refuses malformed ones later."""
     remotes = settings.get("remote")
     by_name = remotes if isinstance(remotes, dict) else {}
     return {name: options for name, options in by_name.items() if isinstance(options, dict)}

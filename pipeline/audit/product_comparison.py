@@ -22,7 +22,7 @@ ASK = "made from the same, other bytes: --arrays reads them"
 
 
 class ProductComparison:
-    """Compares products, reading few of them whole unless it was asked to read all, far ones too."""
+    """Compares products; only a few are read whole, unless `read_arrays` is set."""
 
     def __init__(self, contents: Contents, read_arrays: bool) -> None:
         self.read_arrays = read_arrays
@@ -81,7 +81,7 @@ class ProductComparison:
 
 
 def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
-    """Compare two products by the checksums in them, where they have any; a damaged list is a defect.
+    """Compare two products by the checksums of their chunks; a damaged list of them is a defect.
 
     Two CRC-32 of different chunks of one size are equal once in four thousand million times, unless
     somebody wants them to be.

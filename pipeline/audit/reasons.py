@@ -67,7 +67,7 @@ def is_labelled_truly(description: Description) -> bool:
 
 
 def why(stage: Stage, old: Description, new: Description, around: Circumstances) -> list[Reason]:
-    """Return why two products of an object differ, what the product itself is made from first.
+    """Return why two products of an object differ.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def _same(cell: str | None, value: Any) -> bool:
 
 
 def _without_what_a_material_explains(reasons: list[Reason], around: Circumstances) -> list[Reason]:
-    """Leave out the values of a row where it is another material's row."""
+    """Drop reasons about cells of a material's row where the material itself changed."""
     if not any(reason.kind == MATERIAL for reason in reasons):
         before, after = around.materials
         # A stage that reads only the citation still sees another material.

@@ -1,4 +1,4 @@
-"""What a run left other than git has recorded it: which files and figures, and why, in one line."""
+"""The files and figures of a run that differ from those committed to git, and why, in one line."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ MEASURED = "times are of the machine and the run"
 
 
 def difference(root: Path) -> str:
-    """Return in one line what a run recorded other than HEAD has it, and why; empty for no difference.
+    """Return in one line how what a run recorded differs from HEAD, and why; empty if it does not.
 
     Parameters
     ----------

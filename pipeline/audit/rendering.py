@@ -120,7 +120,7 @@ def _rendered(template: str, width: int, **context: object) -> str:
 
 
 def _printable(value: object) -> str:
-    """Return a text without what would command a terminal: parts of it were written by others."""
+    """Replace characters that a terminal would obey: parts of the text come from untrusted files."""
     return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in str(value))
 
 

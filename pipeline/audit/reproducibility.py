@@ -100,7 +100,7 @@ class Arrays:
 def stored_tolerances(
     declared: Mapping[str, Tolerance], *descriptions: Description
 ) -> tuple[Mapping[str, Tolerance], bool]:
-    """Return the tolerances that the first of some products stores, and whether one does.
+    """Return the tolerances that the first of the products stores, and whether any stores them.
 
     Products from before tolerances were stored are judged by what is declared now.
     """
@@ -172,7 +172,7 @@ def difference(name: str, first: np.ndarray, second: np.ndarray, allowed: Tolera
 
 
 def _scale(values: np.ndarray) -> float:
-    """Range of the values, or their magnitude where there is only one."""
+    """Range of the values, or their magnitude if all are equal."""
     if not values.size:
         return 0.0
     span = float(values.max() - values.min())

@@ -108,7 +108,7 @@ class Stores:
         raise self._missing(md5, where, problems)
 
     def fetch(self, md5: str, target: Path, where: str, progress: Progress = lambda count: None) -> None:
-        """Fetch a content into a file, after the part that an earlier call left there.
+        """Fetch a content into a file, resuming after the part that an earlier call left.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class Stores:
 
 
 class _TooLargeError(Exception):
-    """A store that says that a content is larger than any of its kind."""
+    """A content whose stored size exceeds that of any product of its kind."""
 
 
 def _append(fs: Any, source: str, file: FileIO, progress: Progress, most: int) -> None:

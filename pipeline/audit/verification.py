@@ -220,7 +220,7 @@ def _restore(item: _Item, contents: Contents) -> str:
 def _lineage(
     stages: Sequence[Stage], descriptions: Mapping[tuple[str, str], Description]
 ) -> Iterator[Finding]:
-    """Compare what each product was made from with what the version has."""
+    """Compare the inputs that each product names with the products of the version."""
     made_by = {kind.name: (stage, kind) for stage in stages for kind in stage.products}
     for (name, object_id), description in descriptions.items():
         stage, kind = made_by[name]

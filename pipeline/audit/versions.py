@@ -108,7 +108,7 @@ class Version:
         return {content.md5 for content in products.values() if content.path is not None}
 
     def failures(self, stages: Sequence[Stage]) -> dict[str, FailedObject]:
-        """Return the first stage that an object lacks a product of, and why, by object id.
+        """Return, by object id, the first stage of which a product is missing, and why.
 
         A stage that the version does not have at all, or whose products are not known here, says nothing.
         """
@@ -126,7 +126,7 @@ class Version:
 
 
 def read_version(contents: Contents, stages: Sequence[Stage], revision: str | None) -> Version:
-    """Return the version of a git revision; of the work tree where none is given.
+    """Return the version of a git revision, or of the work tree for None.
 
     Raises
     ------
@@ -218,6 +218,6 @@ def _lying(contents: Contents, kind: ProductKind) -> Folder:
 
 
 def made_nothing(stages: Sequence[Stage]) -> Version:
-    """Return the version before the first: without an object or a product."""
+    """Return an empty version, as before the first: without objects or products."""
     folders = {kind.folder: Folder(made=False) for stage in stages for kind in stage.products}
     return Version(None, Lock(), {}, folders)

@@ -55,7 +55,7 @@ def read_attributes(path: Path) -> dict[str, Any]:
 
 
 def check(path: Path) -> None:
-    """Check every entry of a product's archive, and its checksum; FormatError for what no product has."""
+    """Check every entry of a product's archive and its checksum; raise FormatError for unexpected content."""
     with errors_of(path), zipfile.ZipFile(path) as archive:
         _, arrays = describe(archive)
         for name in archive.namelist():
@@ -75,7 +75,7 @@ def errors_of(path: Path) -> Iterator[None]:
 def describe(
     archive: zipfile.ZipFile, selection: Container[str] | None = None
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """Return the attributes of a product, and what it says of its arrays, or of the `selection`; checked.
+    """Return the checked attributes of a product and the metadata of its arrays, or of those in `selection`.
 
     A damaged one makes this raise any of `UNREADABLE`; so does a name that leads out of it, or a type, codec
     or size that no product has.

@@ -37,7 +37,7 @@ class FailedObject:
 
 
 def read_failures(root: Path) -> list[FailedObject]:
-    """Return what failed, by object and stage in their order; nothing where nothing was ever made.
+    """Return the failures in the order of objects and stages; none where no run has been recorded.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def read_failures(root: Path) -> list[FailedObject]:
 def write_failures(
     root: Path, failures: Iterable[FailedObject], stages: Sequence[Stage], others: Collection[str] = ()
 ) -> None:
-    """Write the failures of a run that no earlier failure explains; keep those that it did not look at.
+    """Write the failures of a run that no earlier stage explains; keep those outside the run.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def failure_table(failures: Sequence[FailedObject], width: int | None = None) ->
 
 
 def table_text(table: object, width: int | None) -> str:
-    """Return a table of `rich` as plain text of a width, that of the terminal for None."""
+    """Return a table of `rich` as plain text `width` columns wide; None takes the terminal's width."""
     from rich.console import Console
 
     console = Console(width=width, markup=False, highlight=False, color_system=None)

@@ -86,7 +86,7 @@ def validated(where: str, kind: type[Kind], content: Any, context: Mapping[str, 
 
 
 def _checked(text: str) -> Any:
-    """Return what a text of YAML holds; raise YAMLError where it is not what a person writes."""
+    """Return the content of a YAML text; raise YAMLError for one that is too deep or too large."""
     depth = 0
     for event in yaml.parse(text, SAFE_LOADER):  # before anything is built, which calls itself for each level
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -101,7 +101,7 @@ def _checked(text: str) -> Any:
 
 
 def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
-    """Return the nodes of a part, each repetition counted; `counts` has those of parts, None of open ones."""
+    """Count the nodes of a part with repetitions; `counts` caches parts, None marks one still open."""
     if id(node) not in counts:
         counts[id(node)] = None
         parts = node.value if isinstance(node, yaml.CollectionNode) else []
@@ -120,7 +120,7 @@ def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
 
 
 def own_error(error: InputError) -> PydanticCustomError:
-    """Return what a validator raises for an `InputError`, so that it is told with the field's name."""
+    """Return an `InputError` as an error of pydantic, which adds the name of the field."""
     context = {"finding": f"{error.where}: {error.finding}", "remedy": error.remedy}
     return PydanticCustomError(OWN, "{finding}", context)
 
@@ -141,7 +141,7 @@ def number_of(variable: str, default: float) -> float:
 
 
 def did_you_mean(name: str, names: Iterable[str], otherwise: str) -> str:
-    """Return a question after the nearest of the known names; `otherwise` where none is near."""
+    """Ask for the nearest of the known names; return `otherwise` where none is near."""
     near = difflib.get_close_matches(name, names, 1, 0.5)
     return f"Did you mean {near[0]}?" if near else otherwise
 

@@ -40,13 +40,13 @@ PLAUSIBLE_M = (0.01, 2.5)
 
 
 def possible_lengths(side: float) -> dict[str, float]:
-    """Longest side in metres by the unit that a number could be in, of those that make it plausible."""
+    """Return the longest side in metres for each unit that would make it plausible."""
     least, most = PLAUSIBLE_M
     return {name: side * unit for name, unit in UNITS_M.items() if least <= side * unit <= most}
 
 
 def check_unit(where: str, side: float) -> None:
-    """Raise `InputError` for a longest side that is hardly in metres, with what to write for each unit."""
+    """Raise `InputError` for a longest side that is implausible in metres; the remedy names each unit."""
     if SHORTEST_M <= side <= UNUSUAL_M:
         return
     lengths = possible_lengths(side) if side >= SHORTEST_M else {}
@@ -170,7 +170,7 @@ def check_object(request: AddRequest) -> Checked:
 
 
 def _units(mesh: TexturedMesh, request: AddRequest) -> str:
-    """Say what to state where the file is in another unit than metres; nothing where a length is stated."""
+    """Return which --length to give if the file is not in metres; empty if a length is stated."""
     if request.length_m is not None:
         return ""
     lengths = possible_lengths(float(mesh.extents.max())).items()
@@ -178,7 +178,7 @@ def _units(mesh: TexturedMesh, request: AddRequest) -> str:
 
 
 def _row(request: AddRequest, object_id: str, material: str, licence: str) -> dict[str, str]:
-    """Return the cells by column; InputError for one that no table can show."""
+    """Return the cells by column; raise InputError for text that is not printable."""
     row = {
         "id": object_id,
         "name": request.name or words_of(object_id),

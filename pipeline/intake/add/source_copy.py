@@ -23,7 +23,7 @@ GENERIC_FOLDERS = frozenset(("meshes", "mesh", "google_16k", "google_64k", "goog
 
 
 def object_id_of(mesh: Path) -> str:
-    """An identifier from the name of a mesh's file, or of its folder where the file's says nothing."""
+    """Return an identifier from the name of the mesh file, or of its folder if the file's name is generic."""
     mesh = mesh.absolute()
     stem = mesh.stem
     if stem.casefold() in GENERIC_STEMS:

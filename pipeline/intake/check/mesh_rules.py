@@ -84,7 +84,7 @@ def check_mass(entry: Entry) -> Iterator[Finding]:
 
 
 def mass_as_made(entry: Entry) -> float | None:
-    """Kilograms of what would sound, of its shell where the row states one; None for open surfaces."""
+    """Return the mass in kilograms as made, of the shell if one is stated; None for open surfaces."""
     if entry.shape is None or entry.material is None or not entry.shape.walls.closed:
         return None
     walls, shell_m = entry.shape.walls, entry.record.shell_m if entry.record else None
@@ -126,7 +126,7 @@ def kilograms(mass_kg: float) -> str:
 
 
 def check_surface(entry: Entry) -> Iterator[Finding]:
-    """Find surfaces that bound no solid, whose volume and mass mean little, or another than they seem to."""
+    """Find surfaces that bound no solid, or another solid than they seem to: their mass means little."""
     if entry.shape is None:
         return
     topology, cleaning = entry.shape.topology, entry.shape.cleaning
@@ -153,7 +153,7 @@ def check_surface(entry: Entry) -> Iterator[Finding]:
 
 
 def check_looks(entry: Entry) -> Iterator[Finding]:
-    """Find what a reader took otherwise than the file says it."""
+    """Find what a reader interpreted otherwise than the file states."""
     for remark in entry.shape.remarks if entry.shape else ():
         yield entry.finding(LOOKS, WARNING, "mesh", remark, "Look at the picture that `add` draws")
 

@@ -74,7 +74,7 @@ def check_licence(entry: Entry) -> Iterator[Finding]:
 
 
 def check_provenance(entry: Entry) -> Iterator[Finding]:
-    """Find rows that do not say where they are from, or say so in two ways."""
+    """Find rows whose provenance is missing or contradictory."""
     if not entry.cell("source"):
         yield entry.finding(PROVENANCE, WARNING, "source", "is empty", "Say where the mesh is from")
     if not entry.cell("attribution"):

@@ -12,7 +12,7 @@ COMMON_NAMES = {
 
 
 def spdx(licence: str) -> str | None:
-    """Return a licence expression as SPDX writes it; None for what is none."""
+    """Return a licence expression as SPDX writes it; None for an invalid one."""
     try:
         return str(canonicalize_license_expression(licence))
     except InvalidLicenseExpression:

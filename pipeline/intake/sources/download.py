@@ -51,7 +51,7 @@ class Expected:
     limit_bytes: int
 
     def difference(self, path: Path) -> str:
-        """Return in what a file differs, with both values; empty where it does not."""
+        """Return how a file differs from what is expected, with both values; empty if it does not."""
         with path.open("rb") as file:
             actual = {"size": path.stat().st_size, "md5": hashlib.file_digest(file, "md5").hexdigest()}
         for name, value in actual.items():

@@ -1,4 +1,4 @@
-"""How objects of published collections are fetched, as a command is asked to; light to import."""
+"""The options for fetching objects of published collections; light to import."""
 
 import os
 from collections.abc import Callable

@@ -171,7 +171,7 @@ class Fetcher:
     def fetch_all(
         self, source_ids: Sequence[str], resolutions: Resolutions
     ) -> Iterator[tuple[str, Fetched | ObjectFolderError]]:
-        """Fetch one object after another, each once; yield each id with the object or why there is none."""
+        """Fetch the objects one by one; yield each id with the fetched object or its error."""
         unreachable: Counter[str] = Counter()
         for source_id in dict.fromkeys(source_ids):
             try:

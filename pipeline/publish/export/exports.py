@@ -98,7 +98,7 @@ def _write_gltf(products: ObjectProducts, options: Exporting, output: Path) -> t
 def stored_colours(
     products: ObjectProducts, options: Exporting, appearance: Appearance
 ) -> tuple[Surface, ColourOf, str, float]:
-    """Return the stored surface, its colours, these in words, and the texel pitch that suffices (metres)."""
+    """Return the stored surface, its colours, a description of them, and the sufficient texel pitch (m)."""
     if products.object_file is None:
         remedy = "Give one, or --surface source."
         raise InputError(products.object_id, "has no Object File, so no stored surface", remedy)
@@ -129,7 +129,7 @@ def stored_colours(
 
 
 def appearance_of(products: ObjectProducts, options: Exporting) -> Appearance:
-    """Return roughness and metallic as asked, as rendered, or as the materials table has them."""
+    """Return roughness and metallic from the options, else the views, else the materials table."""
     appearance: dict[str, Any] = {}
     if products.views is not None:
         appearance = dict(read_attributes(products.views)["appearance"])

@@ -97,7 +97,7 @@ def find_products(name: str, root: Path) -> ObjectProducts:
 
 
 def _kind(path: Path) -> str:
-    """Return what a file is; a product's attributes tell."""
+    """Return the kind of a file, from its suffix or the attributes of a product."""
     if path.name.endswith(OBJECT_FILES.suffix):
         return "object_file"
     if not path.name.endswith(VIEWS.suffix):

@@ -174,7 +174,7 @@ class LiveObjects:
             return self._opened[number]
 
     def answer(self, question: str, number: int, query: Mapping[str, Any]) -> Answer:
-        """Return what a method of one of them answers, of the first question with the names of all."""
+        """Return the answer of an object's method; that of ``object`` lists the names of all objects."""
         header, payload = getattr(self[number], question)(query)
         if question == "object":
             header["objects"] = [Path(path).stem for path in self._paths]

@@ -37,7 +37,7 @@ ACTS = ("strike", "throw", "grab", "pull", "drop", "lift", "squeeze", "grip", "o
 
 
 class Poses:
-    """Where bodies are, as the world told last."""
+    """The poses of the bodies at the latest step of the world."""
 
     def __init__(self) -> None:
         self.stamp, self.known = 0, dict[str, np.ndarray]()
@@ -47,7 +47,7 @@ class Poses:
         return self.known[body]
 
     def tell(self, poses: dict[str, np.ndarray]) -> None:
-        """Take on other poses, if anything has moved."""
+        """Store new poses if any body has moved."""
         if any((np.abs(pose - self.known.get(name, 9.0)) > STILL).any() for name, pose in poses.items()):
             self.known = poses
             self.stamp += 1
