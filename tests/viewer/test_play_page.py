@@ -298,7 +298,7 @@ def test_acts_that_cannot_be_done_say_why(world, asked, named):
 
 def test_a_failed_act_leaves_the_world_running(world):
     failed: Future = Future()
-    world._acts.put((lambda: world._named({}), failed))
+    world._acts.put((lambda: world._body({}), failed))
     world._do_acts()
     assert isinstance(failed.exception(), QueryError)
 
