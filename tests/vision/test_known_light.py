@@ -4,8 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from small_meshes import joined
 from small_visionnets import MATT, Even
 from test_normal_maps import stored
+from trimesh.transformations import rotation_matrix
 from vision_shapes import cube, sphere
 
 from objectfolder.batch.sight import SightBatch
@@ -20,6 +23,7 @@ from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
+from objectfolder.vision.compiled.renderer import CompiledRenderer
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.surface_maps import SurfaceMaps
@@ -100,6 +104,26 @@ def test_a_file_without_a_network_opens_and_answers_alike():
     del metadata["appearance"]
     with pytest.raises(FormatError, match=r"vision\.grid"):
         VisionNet.from_tensors(tensors, metadata, net._surface.surface, net._surface.frame)
+
+
+@pytest.mark.parametrize(("appearance", "most"), [(MATT, 0.03), (Appearance(0.4, 1.0), 0.08)])
+def test_pixels_of_thin_rods_are_the_mean_of_finer_ones(appearance: Appearance, most: float):
+    rods = []
+    for index in range(9):
+        pose = rotation_matrix(np.pi / 2, (1, 0.1, 0))
+        pose[:3, 3] = 0.1 * index, 0, 0.05 * (index % 3)
+        rod = trimesh.creation.cylinder(0.02, 1.0, sections=12, transform=pose)
+        rods.append((np.asarray(rod.vertices), np.asarray(rod.faces)))
+    surface = joined(*rods)
+    unit = UnitSurface(surface, UnitFrame.of_points(surface.vertices))
+    renderer = CompiledRenderer.of_material(unit, Even(None, appearance), 0.5)
+
+    def image(pixels: int) -> np.ndarray:
+        lamp = np.array([[0.3, -0.9, 1.0]]), np.ones((1, 3))
+        return renderer.render(CAMERA[0], *lamp, (pixels, pixels), 39.6, 64)[..., :3]
+
+    finer = image(384).reshape(24, 16, 24, 16, 3).mean(axis=(1, 3))
+    assert np.linalg.norm(image(24) - finer) < most * np.linalg.norm(finer)
 
 
 def test_light_is_computed_where_base_colours_are_stated_and_else_learned(small_file: Path):

@@ -42,8 +42,8 @@ CURVED, MORE = 0.03, 4
 TURNED, SHARP = 0.7, 0.2
 # Directions of a highlight in an environment for a point of an even pixel (else 1), and of one mirrored.
 HIGHLIGHT_SAMPLES, MIRROR_SAMPLES = 2, 4
-# Times more points of known material where a smooth piece of surface ends.
-UNEVEN = 2
+# Times more points of known material where a smooth piece of surface ends; each asks for its own shadow.
+UNEVEN = 6
 # Directions of a ray's gloss in which the surface is looked for.
 RAY_SAMPLES = 8
 # What arrives from all round is averaged over pixels this far to either side. Of weight 1 / e are those whose
@@ -477,6 +477,11 @@ class CompiledRenderer:
         in which colour changes fast: the more so in those that are `curved` (p,).
         """
         labels, state, split = self._shadows(view, probes, light, effort.shadow_rays)
+        finest = np.full(len(split), effort.shaded_uneven)
+        if isinstance(self._network, KnownLight) and effort.shaded > 1:
+            uneven = view.samples[1]
+            labels[1], state[uneven.pixels], split[uneven.pixels] = uneven.label, 0, False
+            finest[uneven.pixels] = max(effort.shaded_uneven, UNEVEN * effort.shaded)
 
         def again(pixels: np.ndarray, shaded: np.ndarray | int) -> None:
             some = self._chosen(view, labels, np.where(pixels, shaded, 0))
@@ -487,7 +492,7 @@ class CompiledRenderer:
         if effort.shaded_uneven > effort.shaded:
             shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
             sharp = curved & contrasting(view.edges, shade, SHARP)
-            finest = np.where(sharp, effort.shaded_curved, effort.shaded_uneven)
+            finest[sharp] = np.maximum(finest[sharp], effort.shaded_curved)
             again(contrasting(view.edges, shade, effort.contrast), finest)
         return colour
 

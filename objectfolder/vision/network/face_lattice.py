@@ -17,8 +17,8 @@ from objectfolder.products.integer_coding import pack_integers, unpack_integers
 MOST_STEPS = 1024
 """Along an edge of a face."""
 
-MOST_PLACES = 1 << 20
-"""Of a lattice: three times those of a chair, 1/192 of its length apart."""
+MOST_PLACES = 1 << 21
+"""Of a lattice: six times those of a chair, 1/192 of its length apart."""
 
 AROUND = 0.6
 """No coordinate of the unit frame is below this less than zero: cubes are counted from there."""
