@@ -4,6 +4,7 @@ import base64
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,29 +71,31 @@ def quantised(positions: str, coordinates: str, *, normalised: bool) -> Make:
     return gltf(change, truth=replace(BOX, tolerance=4 / steps))
 
 
-def draco(*, required: bool = True, material: bool = True) -> Make:
-    def change(writer: GltfWriter, primitive: dict[str, Any]) -> None:
-        import DracoPy
+def compressed(writer: GltfWriter, primitive: dict[str, Any], *, required: bool = True) -> None:
+    """The primitive by Draco alone."""
+    import DracoPy
 
-        given, uv, indices = box_corners(OBJ_SIDES)
-        data = DracoPy.encode(
-            given.astype("<f4"), indices.reshape(-1, 3).astype(np.uint32), tex_coord=uv.astype(np.float64),
-            preserve_order=True, quantization_bits=16, compression_level=7,
-        )  # fmt: skip
-        decoded = DracoPy.decode(data)
-        kinds = {int(entry["attribute_type"]): entry["unique_id"] for entry in decoded.attributes}
-        attributes = {"POSITION": kinds[0], "TEXCOORD_0": kinds[3]}
-        primitive["extensions"] = {
-            "KHR_draco_mesh_compression": {"bufferView": writer.view(data), "attributes": attributes}
-        }
-        primitive["attributes"] = {
-            "POSITION": writer.accessor(given.astype("<f4"), view=-1),
-            "TEXCOORD_0": writer.accessor(uv.astype("<f4"), view=-1),
-        }
-        primitive["indices"] = writer.accessor(indices.astype("<u2"), view=-1)
-        writer.needs("KHR_draco_mesh_compression", used_only=not required)
+    given, uv, indices = box_corners(OBJ_SIDES)
+    data = DracoPy.encode(
+        given.astype("<f4"), indices.reshape(-1, 3).astype(np.uint32), tex_coord=uv.astype(np.float64),
+        preserve_order=True, quantization_bits=16, compression_level=7,
+    )  # fmt: skip
+    decoded = DracoPy.decode(data)
+    kinds = {int(entry["attribute_type"]): entry["unique_id"] for entry in decoded.attributes}
+    attributes = {"POSITION": kinds[0], "TEXCOORD_0": kinds[3]}
+    primitive["extensions"] = {
+        "KHR_draco_mesh_compression": {"bufferView": writer.view(data), "attributes": attributes}
+    }
+    primitive["attributes"] = {
+        "POSITION": writer.accessor(given.astype("<f4"), view=-1),
+        "TEXCOORD_0": writer.accessor(uv.astype("<f4"), view=-1),
+    }
+    primitive["indices"] = writer.accessor(indices.astype("<u2"), view=-1)
+    writer.needs("KHR_draco_mesh_compression", used_only=not required)
 
-    return gltf(change, truth=replace(BOX, tolerance=1e-4))
+
+def draco(*, required: bool = True) -> Make:
+    return gltf(partial(compressed, required=required), truth=replace(BOX, tolerance=1e-4))
 
 
 def sparse(*, with_base: bool) -> Make:

@@ -11,7 +11,15 @@ import pytest
 from hard_checks import colours_at
 from hard_meshes import OBJ_SIDES, GltfWriter, write_gltf_box
 from PIL import Image
-from test_hard_gltf import colours_of_vertices, moved_texture, second_set
+from test_hard_gltf import (
+    colours_of_vertices,
+    compressed,
+    glossy,
+    meshopt_with_fallback,
+    moved_texture,
+    second_set,
+    webp,
+)
 
 from objectfolder.mesh.readers.load import load_mesh
 
@@ -25,7 +33,7 @@ for path, image in json.loads(sys.argv[1]):
     bpy.ops.import_scene.gltf(filepath=path)
     for material in bpy.data.materials:
         for node in material.node_tree.nodes:
-            if node.type == "BSDF_PRINCIPLED":
+            if node.type == "BSDF_PRINCIPLED" and material.name != "shiny":
                 node.inputs["Specular IOR Level"].default_value = 0  # a dielectric scatters all light
     scene = bpy.context.scene
     scene.world = bpy.data.worlds.new("white")
@@ -63,7 +71,25 @@ def metal(writer: GltfWriter, primitive: dict[str, Any]) -> None:
     writer.header["materials"][0]["pbrMetallicRoughness"] |= {"metallicFactor": 1, "roughnessFactor": 0}
 
 
-KINDS = (plain, tinted, uniform, metal, colours_of_vertices, moved_texture, second_set)
+def glossy_metal(writer: GltfWriter, primitive: dict[str, Any]) -> None:
+    """Nothing scattered, and gold reflected, by specular and glossiness."""
+    said = {"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.55, 0.1], "glossinessFactor": 1}
+    material = {"name": "shiny", "extensions": {"KHR_materials_pbrSpecularGlossiness": said}}
+    writer.header["materials"][0] = material
+    writer.needs("KHR_materials_pbrSpecularGlossiness", used_only=True)
+
+
+def whole_numbers(writer: GltfWriter, primitive: dict[str, Any]) -> None:
+    """Colours of vertices as bytes."""
+    rows = np.tile(np.array([[200, 60, 9, 255]], dtype="u1"), (24, 1))
+    primitive["attributes"]["COLOR_0"] = writer.accessor(rows, normalized=True)
+    writer.header["materials"][0] = {"pbrMetallicRoughness": {}}
+
+
+KINDS = (
+    plain, tinted, uniform, metal, colours_of_vertices, whole_numbers, moved_texture, second_set,
+    glossy, glossy_metal, compressed, meshopt_with_fallback, webp,
+)  # fmt: skip
 
 
 def dielectric(change: Callable[..., None]) -> Callable[..., None]:
@@ -72,8 +98,9 @@ def dielectric(change: Callable[..., None]) -> Callable[..., None]:
     def changed(writer: GltfWriter, primitive: dict[str, Any]) -> None:
         writer.header["materials"][0]["pbrMetallicRoughness"]["metallicFactor"] = 0
         change(writer, primitive)
-        if change is not metal:
-            writer.header["materials"][0]["pbrMetallicRoughness"]["metallicFactor"] = 0
+        parts = writer.header["materials"][0].get("pbrMetallicRoughness")
+        if parts is not None and change is not metal:
+            parts["metallicFactor"] = 0
 
     return changed
 

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -18,11 +19,16 @@ from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, read_texture, uniform_texture
 from objectfolder.mesh.readers.xml_tree import xml_tree
 
+_BLACK = 0.02
+"""A colour, sRGB-encoded, that is nowhere brighter comes out black."""
+_OPAQUE = 0.99
+
 
 def read_collada(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     """Read a COLLADA file in metres, by the unit that it states; which axis is up is left as it is.
 
-    Diffuse colours, pictures and colours of vertices are read, without transparency.
+    Diffuse colours, pictures and colours of vertices are read, without transparency; emission where the
+    diffuse colour is black.
 
     Parameters
     ----------
@@ -40,12 +46,14 @@ def read_collada(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     if any(True for _ in document.scene.objects("controller")):
         finding = "is posed by a skeleton, which is not supported"
         raise InputError(str(path), finding, "Apply the armature before it is exported")
+    remarks: dict[str, None] = {}
     try:
+        unit_m = document.assetInfo.unitmeter
         parts = [
             part
             for bound in document.scene.objects("geometry")
             for primitive in bound.primitives()
-            for part in _parts(path, primitive, bound.matrix, document.assetInfo.unitmeter, with_textures)
+            for part in _parts(path, primitive, bound.matrix, unit_m, with_textures, remarks)
         ]
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as problem:
         raise unreadable(path, "COLLADA", problem) from problem
@@ -53,7 +61,7 @@ def read_collada(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         raise InputError(str(path), "holds no faces", "Use a COLLADA file with polygons in its scene")
     mesh = joined_meshes(parts)
     refuse_unusable(path, mesh.vertices)
-    return mesh
+    return replace(mesh, remarks=tuple(remarks))
 
 
 def collada_files(path: Path) -> list[Path]:
@@ -74,7 +82,12 @@ def _document(path: Path) -> Any:
 
 
 def _parts(
-    path: Path, primitive: Any, matrix: np.ndarray, unit_m: float, with_textures: bool
+    path: Path,
+    primitive: Any,
+    matrix: np.ndarray,
+    unit_m: float,
+    with_textures: bool,
+    remarks: dict[str, None],
 ) -> Iterator[TexturedMesh]:
     """Yield the polygons of a primitive as a mesh; nothing of lines and of what is empty."""
     said = primitive.original
@@ -91,17 +104,25 @@ def _parts(
     faces = corners[places]
     texture, coordinates = uniform_texture(DEFAULT_COLOUR), np.full((len(faces), 3, 2), np.nan)
     if with_textures:
-        texture, coordinates = _looks(path, primitive, indices[places.reshape(-1)])
+        texture, coordinates = _looks(path, primitive, indices[places.reshape(-1)], remarks)
     if np.linalg.det(matrix[:3, :3]) < 0:
         faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
     of_face = np.zeros(len(faces), dtype=np.int32)
     yield TexturedMesh(vertices, faces, coordinates, (texture,), of_face, np.zeros((len(faces), 3, 3)))
 
 
-def _looks(path: Path, primitive: Any, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _looks(
+    path: Path, primitive: Any, corners: np.ndarray, remarks: dict[str, None]
+) -> tuple[np.ndarray, np.ndarray]:
     """Texture, and its coordinates (F, 3, 2), of faces by the rows (3 F, inputs) of their corners."""
     effect = getattr(primitive.material, "effect", None)
-    looks: Any = getattr(effect, "diffuse", None) or getattr(effect, "emission", None)
+    looks: Any = getattr(effect, "diffuse", None)
+    emission = getattr(effect, "emission", None)
+    if emission is not None and _is_black(looks) and not _is_black(emission):
+        looks = emission
+        remarks["emission is taken for the colour (diffuse), which is black"] = None
+    if _lets_light_through(effect):
+        remarks["its transparency is not read: it is drawn opaque"] = None
     sources = primitive.original.sources
     sampler = getattr(looks, "sampler", None)
     if sampler is not None:
@@ -125,6 +146,22 @@ def _looks(path: Path, primitive: Any, corners: np.ndarray) -> tuple[np.ndarray,
         return opaque(texture), coordinates
     colour = DEFAULT_COLOUR if looks is None else np.clip(np.asarray(looks[:3], dtype=np.float64), 0, 1)
     return uniform_texture(colour), np.full((len(corners) // 3, 3, 2), np.nan)
+
+
+def _is_black(looks: Any) -> bool:
+    """Whether a colour is absent or comes out black; a picture does not."""
+    return looks is None or (isinstance(looks, tuple) and max(looks[:3]) <= _BLACK)
+
+
+def _lets_light_through(effect: Any) -> bool:
+    """Whether an effect states a transparency, by the alpha or by the colour of `transparent`."""
+    transparent, share = getattr(effect, "transparent", None), getattr(effect, "transparency", None)
+    if not isinstance(transparent, tuple):
+        return transparent is not None
+    share = share if isinstance(share, float) else 1.0
+    by_alpha = effect.opaque_mode == "A_ONE"
+    opacity = transparent[3] * share if by_alpha else 1 - max(transparent[:3]) * share
+    return opacity < _OPAQUE
 
 
 def _picture(path: Path, name: str) -> Path | None:

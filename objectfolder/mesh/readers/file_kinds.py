@@ -61,6 +61,8 @@ def refuse_foreign(path: Path) -> None:
             if kind == "a zip archive":
                 remedy = "Unpack it, and name the mesh in it"
             raise InputError(str(path), f"cannot be read: it is {kind}", remedy)
+    if text.startswith(b"{") and b'"asset"' in text and suffix == ".glb":
+        raise InputError(str(path), "cannot be read: it is a glTF as text", "Let its name end in .gltf")
     if b"<collada" in text and suffix != ".dae":
         raise InputError(str(path), "cannot be read: it is a COLLADA file", "Let its name end in .dae")
 

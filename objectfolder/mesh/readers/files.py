@@ -31,6 +31,7 @@ LEAST_STEPS = 1000
 """Along the longest side, of positions stored in single precision."""
 
 _COMMENT = re.compile(r"(?:^|\s)#")
+_CONTINUED = re.compile(r"\\[ \t]*\n")
 
 
 def find_file(folder: Path, names: Iterable[str], *, within: Path) -> Path | None:
@@ -130,6 +131,11 @@ def read_text(path: Path) -> str:
         except UnicodeDecodeError:
             text = data.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def joined_lines(text: str) -> list[str]:
+    r"""Lines of a text in which a `\` at the end of one continues it on the next."""
+    return _CONTINUED.sub(" ", text).split("\n")
 
 
 def without_comment(text: str) -> str:

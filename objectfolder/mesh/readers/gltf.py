@@ -21,7 +21,6 @@ from objectfolder.mesh.readers.gltf_file import (
     VISIBILITY,
     Gltf,
     Json,
-    Primitive,
     extensions,
     number,
     numbers,
@@ -29,6 +28,7 @@ from objectfolder.mesh.readers.gltf_file import (
     whole,
 )
 from objectfolder.mesh.readers.gltf_materials import PLAIN, Material, read_material
+from objectfolder.mesh.readers.gltf_primitives import Primitive
 from objectfolder.mesh.readers.parts import joined_meshes
 from objectfolder.mesh.readers.textures import TextureReader, corner_colour_atlas, opaque, srgb_encode
 
@@ -60,6 +60,7 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         colours and is not supported: an extension, a pose, a shape key, textures that do not repeat.
     """
     file = read_gltf_file(path)
+    _say_what_is_left_out(file)
     try:
         parts, step = _parts(file, with_textures)
     except (
@@ -78,6 +79,15 @@ def read_gltf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     refuse_unusable(path, joined.vertices)
     refuse_coarse(path, joined.vertices, step)
     return replace(joined, remarks=tuple(file.remarks))
+
+
+def _say_what_is_left_out(file: Gltf) -> None:
+    scenes = file.header.get("scenes")
+    if isinstance(scenes, list) and len(scenes) > 1:
+        which = "its default" if "scene" in file.header else "the first"
+        file.remark(f"it has {len(scenes)} scenes, of which {which} is read")
+    if file.header.get("animations"):
+        file.remark("its animations are left out: it is read as it rests")
 
 
 def _parts(file: Gltf, with_textures: bool) -> tuple[list[TexturedMesh], float]:
@@ -165,7 +175,7 @@ def _part(
             "Export the mesh with all its sets, or bake the texture to the first",
         )
     if with_textures and "COLOR_0" in primitive:
-        colours = primitive.values("COLOR_0")[:, :3]
+        colours = primitive.colours("COLOR_0")
         if len(colours) != len(local) or colours.shape[1] != 3:
             raise ValueError("COLOR_0 does not fit the positions")
         if len(material.texture) == material.texture.shape[1] == 1:

@@ -14,10 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-import numpy as np
-
 from objectfolder.errors import InputError
-from objectfolder.extras import needs_extra
 from objectfolder.mesh.readers.files import brief, find_file, read_bytes, shortened
 
 KINDS = {".gltf": "glTF", ".glb": "binary glTF"}
@@ -37,12 +34,6 @@ _REMEDIES = {
     "KHR_texture_basisu": "Export its textures as PNG, JPEG or WebP",
     "EXT_mesh_gpu_instancing": "Export its instances as nodes of their own",
 }
-
-MOST_VALUES = 2**23
-"""Of an accessor without bytes of its own, whose length nothing else bounds."""
-
-_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 Json = dict[str, Any]
 
@@ -260,135 +251,3 @@ def _unsupported(path: Path, names: Sequence[str]) -> InputError:
         f"needs the glTF extension {shortened(', '.join(names))[1:-1]}, which is not supported",
         "; ".join(remedies),
     )
-
-
-class Primitive:
-    """The attributes and corners of a primitive.
-
-    Parameters
-    ----------
-    file
-        The file it is in.
-    primitive
-        Its JSON.
-
-    Raises
-    ------
-    ValueError
-        What the file says of it does not fit its bytes.
-    """
-
-    def __init__(self, file: Gltf, primitive: Json) -> None:
-        self._file = file
-        self._accessors: Json = dict(primitive["attributes"])
-        self._indices = primitive.get("indices")
-        self._compressed: dict[str, np.ndarray] = {}
-        self._faces: np.ndarray | None = None
-        said = extensions(primitive).get(DRACO)
-        if said is not None:
-            self._decompress(said)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._accessors
-
-    def stored(self, name: str) -> np.ndarray:
-        """Return an attribute (n, width) in the type it is stored in."""
-        if name in self._compressed:
-            return self._compressed[name]
-        return _stored(self._file, self._file.entry("accessors", self._accessors[name]))
-
-    def values(self, name: str) -> np.ndarray:
-        """Return an attribute (n, width) as float64, normalised where the file says so."""
-        accessor = self._file.entry("accessors", self._accessors[name])
-        found = self.stored(name)
-        if accessor.get("normalized", False) and found.dtype.kind in "iu":
-            return np.maximum(found / np.iinfo(found.dtype).max, -1.0)
-        return found.astype(np.float64)
-
-    def corners(self, count: int) -> np.ndarray:
-        """Return the vertex of each corner (n,) in order; of `count` vertices."""
-        if self._faces is not None:
-            found = self._faces.reshape(-1)
-        elif self._indices is None:
-            found = np.arange(count)
-        else:
-            accessor = self._file.entry("accessors", self._indices)
-            found = _stored(self._file, accessor)
-            if found.shape[1] != 1 or found.dtype.kind != "u":
-                raise ValueError("indices that are no whole numbers")
-            found = found.reshape(-1)
-        if len(found) and int(found.max()) >= count:
-            raise ValueError(f"a face names vertex {int(found.max())} of {count}")
-        return found.astype(np.int64)
-
-    def _decompress(self, said: Json) -> None:
-        with needs_extra("factory"):
-            import DracoPy
-        try:
-            decoded = DracoPy.decode(bytes(self._file.view(said["bufferView"])))
-        except Exception as problem:  # the decoder may raise anything
-            raise ValueError(f"its Draco data cannot be decoded: {problem}") from problem
-        by_number = {entry["unique_id"]: entry["data"] for entry in decoded.attributes}
-        for name, number in said["attributes"].items():
-            values = np.asarray(by_number[number])
-            values = values.reshape(len(values), -1)
-            accessor = self._file.entry("accessors", self._accessors[name])
-            if values.shape != (whole(accessor["count"]), _WIDTHS[accessor["type"]]):
-                raise ValueError(f"its Draco data do not hold what it says of {name}")
-            self._compressed[name] = values
-        faces = np.asarray(getattr(decoded, "faces", np.zeros(0)))
-        if faces.size == 0 or faces.min() < 0:
-            raise ValueError("its Draco data hold no faces")
-        self._faces = faces
-
-
-def _stored(file: Gltf, accessor: Json) -> np.ndarray:
-    kind, width, count = (
-        np.dtype(_TYPES[accessor["componentType"]]),
-        _WIDTHS[accessor["type"]],
-        accessor["count"],
-    )
-    count = whole(count)
-    if "bufferView" in accessor:
-        view = file.entry("bufferViews", accessor["bufferView"])
-        stride = whole(view.get("byteStride", kind.itemsize * width))
-        data = file.view(accessor["bufferView"])
-        values = _strided(data, whole(accessor.get("byteOffset", 0)), kind, count, width, stride)
-    elif "sparse" in accessor:
-        if count * width > MOST_VALUES:
-            raise ValueError(f"an accessor of {count} values without bytes")
-        values = np.zeros((count, width), kind)
-    else:
-        raise ValueError("an accessor without bytes")
-    if "sparse" in accessor:
-        _overwrite(file, values, accessor["sparse"])
-    return values
-
-
-def _strided(
-    data: memoryview, start: int, kind: np.dtype[Any], count: int, width: int, stride: int
-) -> np.ndarray:
-    """Copy of (count, width) values whose rows are `stride` bytes apart."""
-    row = kind.itemsize * width
-    if stride < row or (count and start + (count - 1) * stride + row > len(data)):
-        raise ValueError(f"an accessor of {count} values ends behind its bytes")
-    if not count:
-        return np.zeros((0, width), kind)
-    return np.ndarray((count, width), kind, data, start, (stride, kind.itemsize)).copy()
-
-
-def _overwrite(file: Gltf, values: np.ndarray, sparse: Json) -> None:
-    count = whole(sparse["count"])
-    places, replaced = sparse["indices"], sparse["values"]
-    kind = np.dtype(_TYPES[places["componentType"]])
-    rows = _strided(
-        file.view(places["bufferView"]), whole(places.get("byteOffset", 0)), kind, count, 1, kind.itemsize
-    )[:, 0]
-    width = values.shape[1]
-    new = _strided(
-        file.view(replaced["bufferView"]), whole(replaced.get("byteOffset", 0)), values.dtype, count, width,
-        width * values.dtype.itemsize,
-    )  # fmt: skip
-    if kind.kind != "u" or (count and int(rows.max()) >= len(values)):
-        raise ValueError("a sparse accessor names a value that is not there")
-    values[rows] = new

@@ -35,6 +35,7 @@ from objectfolder.mesh.readers.textures import (
 NORMALS = "normalTexture"
 
 EMISSION = "emissiveTexture"
+_EMITTED = "emissiveFactor"
 
 _BLACK = 0.002
 """A factor of the base colour, scene-linear, that is nowhere brighter comes out black."""
@@ -117,7 +118,7 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     are those of `normalTexture`, its `scale` applied. Of
     KHR_materials_pbrSpecularGlossiness diffuse and specular colours become base colour and metallic as
     Khronos converts them, and what is not glossy is rough. Where the base colour is black and has no picture,
-    that of `emissiveTexture` shows in its place, and the file's remarks say so.
+    that of `emissiveTexture` shows in its place, or else `emissiveFactor`, and the file's remarks say so.
 
     Raises
     ------
@@ -134,6 +135,7 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
     keys = _GLOSSY_KEYS if glossy is not None else _METALLIC_KEYS
     base, placement = _image(file, parts, keys.base, name, reader)
     factor = np.array(numbers(parts.get(keys.factor, [1, 1, 1, 1]), 4, 0, 1))
+    emission = np.array(numbers(material.get(_EMITTED, [0, 0, 0]), 3, 0))
     if EMISSION in material:
         if base is None and float(factor[:3].max()) <= _BLACK:
             base, placement = _image(file, material, EMISSION, name, reader)
@@ -141,6 +143,9 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
             file.remark(f"{EMISSION} of material {name} is taken for its base colour, which is black")
         else:
             file.remark(f"{EMISSION} of material {name} is not used: bake it into the base colour")
+    elif base is None and float(factor[:3].max()) <= _BLACK < float(emission.max()):
+        factor[:3] = np.minimum(emission, 1.0)
+        file.remark(f"{_EMITTED} of material {name} is taken for its base colour, which is black")
     elif base is not None and float(factor[:3].max()) <= _BLACK:
         file.remark(f"{keys.factor} of material {name} makes its picture black")
     layers, layers_placement = _image(file, parts, keys.layers, name, reader)

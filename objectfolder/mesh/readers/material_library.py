@@ -17,6 +17,7 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.readers.files import (
     brief,
     find_file,
+    joined_lines,
     lies_within,
     read_text,
     shortened,
@@ -139,7 +140,7 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
     for path in library_files(mesh, library):
         current = ObjMaterial()
         of_file = [current]
-        for number, line in enumerate(read_text(path).split("\n"), start=1):
+        for number, line in enumerate(joined_lines(read_text(path)), start=1):
             keyword, *values = line.split("#", 1)[0].split() or [""]
             names_a_file = len(line.split()) > 1
             where = f"{path} line {number}"

@@ -11,26 +11,27 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.files import brief, read_text, refuse_unusable, shortened, without_comment
+from objectfolder.mesh.readers.files import (
+    brief,
+    joined_lines,
+    read_text,
+    refuse_unusable,
+    shortened,
+    without_comment,
+)
 from objectfolder.mesh.readers.material_library import (
     DEFAULT_COLOUR,
     MOST_LIBRARIES,
     ObjMaterial,
-    ScalarMap,
     read_material_library,
     unquoted,
 )
+from objectfolder.mesh.readers.obj_images import colour_image, normal_image, scalar_image
 from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import (
     TextureReader,
     corner_colour_atlas,
-    holds_normals,
     opaque,
-    scaled_map,
-    scaled_normals,
-    uniform_map,
-    uniform_texture,
-    with_alpha,
 )
 
 _NAMELESS = ("", "none", "null", "(null)", "nil", "default")
@@ -53,6 +54,7 @@ class _Statements:
     polygon_materials: list[str | None] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
     libraries: list[str] = field(default_factory=list)
+    free_form: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     refuse_unusable(path, vertices)
     triangles = _triangles(path, vertices, statements)
     faces, coordinates = triangles.faces, _corner_coordinates(statements, triangles)
-    remarks: list[str] = []
+    remarks = ["its free-form surfaces (surf) are left out"] if statements.free_form else []
     if with_textures:
         materials, of_polygon = _materials(path, statements, remarks)
         face_texture = of_polygon[triangles.polygon]
@@ -102,7 +104,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         materials, face_texture = [ObjMaterial()], np.zeros(len(faces), dtype=np.int32)
     remarks += [remark for material in materials for remark in material.remarks]
     reader = TextureReader(str(path))
-    textures = tuple(reader.count(_texture(material, reader)) for material in materials)
+    textures = tuple(reader.count(colour_image(material, reader)) for material in materials)
     coloured = np.array([len(row) >= 6 for row in statements.vertices])
     if with_textures and coloured.any() and all(texture.shape[:2] == (1, 1) for texture in textures):
         colours = _vertex_colours(path, statements.vertices, coloured, remarks)[faces]
@@ -110,9 +112,9 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
             np.concatenate([colours, np.ones((len(faces), 3, 1))], axis=2)
         )
         materials, textures, face_texture = [], (opaque(atlas),), np.zeros(len(faces), dtype=np.int32)
-    roughness = [_scalar(material.roughness_map, material.roughness, reader) for material in materials]
-    normals = [_normals(material, reader) for material in materials]
-    metallic = [_scalar(material.metallic_map, material.metallic, reader) for material in materials]
+    roughness = [scalar_image(material.roughness_map, material.roughness, reader) for material in materials]
+    normals = [normal_image(material, reader) for material in materials]
+    metallic = [scalar_image(material.metallic_map, material.metallic, reader) for material in materials]
     return TexturedMesh(
         vertices,
         faces,
@@ -138,7 +140,7 @@ def material_libraries(path: Path) -> list[str]:
 
 
 def _lines(path: Path) -> list[str]:
-    return read_text(path).replace("\\\n", " ").split("\n")
+    return joined_lines(read_text(path))
 
 
 def _triangles(path: Path, vertices: np.ndarray, statements: _Statements) -> _Triangles:
@@ -209,6 +211,8 @@ def _parse(path: Path) -> _Statements:
                 material = unquoted(" ".join(line.split()[1:]))
             elif keyword == "mtllib":
                 statements.libraries.append(line.split(maxsplit=1)[1].strip())
+            elif keyword == "surf":
+                statements.free_form = True
         except (ValueError, IndexError) as problem:
             raise _unreadable(path, number, problem, line) from problem
     _resolve(path, statements)
@@ -365,42 +369,3 @@ def _material(
         f"{there})",
         "Add it to the library, or name a texture for the object",
     )
-
-
-def _texture(material: ObjMaterial, reader: TextureReader) -> np.ndarray:
-    """Base colour RGBA, opaque but where the material asks for transparency."""
-    if material.texture is not None:
-        texture = opaque(reader.file(material.texture))
-    else:
-        texture = uniform_texture(material.colour)
-    factor = 1.0 if material.opacity is None else material.opacity
-    if material.opacity_map is not None:
-        alpha = _levels(material.opacity_map, reader, of_opacity=True)
-        return with_alpha(texture, scaled_map(alpha, factor))
-    return texture if factor == 1.0 else with_alpha(texture, uniform_map(factor))
-
-
-def _scalar(image: ScalarMap | None, value: float | None, reader: TextureReader) -> np.ndarray | None:
-    if image is not None:
-        return reader.count(_levels(image, reader, of_opacity=False))
-    return None if value is None else uniform_map(value)
-
-
-def _normals(material: ObjMaterial, reader: TextureReader) -> np.ndarray | None:
-    """Normals (h, w, 3) in tangent space; None where the material has none, or heights."""
-    image = None
-    if material.normal_map is not None:
-        image = reader.file(material.normal_map)
-    elif material.bump_map is not None and holds_normals(found := reader.file(material.bump_map)):
-        image = found
-    normals = None if image is None else scaled_normals(image, material.bump_scale)
-    return None if normals is None else reader.count(normals)
-
-
-def _levels(image: ScalarMap, reader: TextureReader, *, of_opacity: bool) -> np.ndarray:
-    """(h, w) uint8 of the channel that holds the quantity."""
-    rgba = reader.file(image.file)
-    if image.channel is not None:
-        return np.ascontiguousarray(rgba[..., image.channel])
-    in_alpha = of_opacity and bool((rgba[..., 3] < 255).any())
-    return np.ascontiguousarray(rgba[..., 3 if in_alpha else 0])

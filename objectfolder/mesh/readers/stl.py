@@ -13,6 +13,7 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.files import (
+    LARGEST,
     brief,
     read_bytes,
     refuse_coarse,
@@ -32,8 +33,9 @@ _END_OF_FACET = re.compile(rb"\bendfacet\b", re.IGNORECASE)
 def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     """Read an STL file as it is: three vertices a triangle, in colours of triangles where it has some.
 
-    Solids are joined; normals are left out. Attributes are colours where their highest bit says so, as
-    VisCAM and SolidView write them, or in a file whose header has ``COLOR=``, as Materialise Magics does.
+    Solids are joined; normals are left out. A binary file whose count is too small is read to its end.
+    Attributes are colours where their highest bit says so, as VisCAM and SolidView write them, or in a file
+    whose header has ``COLOR=``, as Materialise Magics does.
 
     Parameters
     ----------
@@ -48,12 +50,18 @@ def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
     count = int.from_bytes(data[80:84], "little") if len(data) >= _HEADER_BYTES else -1
     end = _HEADER_BYTES + count * _TRIANGLE.itemsize
+    remarks: tuple[str, ...] = ()
     is_text = data[:512].lstrip()[:5].lower() == b"solid" and b"\0" not in data
     if is_text and end != len(data):
         corners, step = _text_corners(path, data), 0.0
         colours = None
     elif count >= 0 and end <= len(data):
-        triangles = np.frombuffer(data, _TRIANGLE, count, _HEADER_BYTES)
+        whole = (len(data) - _HEADER_BYTES) // _TRIANGLE.itemsize
+        triangles = np.frombuffer(data, _TRIANGLE, whole, _HEADER_BYTES)
+        if _go_on(data[end:], triangles[count:]):
+            remarks = (f"it says {count} triangles and holds {len(triangles)}, which are read",)
+        else:
+            triangles = triangles[:count]
         corners = triangles["corners"].astype(np.float64)
         colours = _colours(data[:80], triangles["attribute"])
         step = single_precision_step(corners)
@@ -76,7 +84,17 @@ def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         coordinates,
         (texture,),
         np.zeros(len(faces), dtype=np.int32),
+        remarks=remarks,
     )
+
+
+def _go_on(rest: bytes, triangles: np.ndarray) -> bool:
+    """Whether what is behind the last triangle that is counted are triangles too, to the end of the file."""
+    corners = triangles["corners"].astype(np.float64)
+    if not len(corners) or len(rest) % _TRIANGLE.itemsize or not np.isfinite(corners).all():
+        return False
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return bool((np.abs(corners) < LARGEST).all() and sides.any(axis=1).mean() > 0.5)
 
 
 def _colours(header: bytes, attributes: np.ndarray) -> np.ndarray | None:

@@ -1,6 +1,7 @@
 """3MF: a zip archive with meshes, their places and colours in XML."""
 
 import posixpath
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.files import LARGEST_FILE_BYTES, refuse_unusable, unreadable
+from objectfolder.mesh.readers.files import LARGEST_FILE_BYTES, refuse_unusable, shortened, unreadable
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.parts import joined_meshes
 from objectfolder.mesh.readers.textures import corner_colour_atlas, decode_texture, opaque, uniform_texture
@@ -24,6 +25,17 @@ _UNITS_M = {
 _MODEL_RELATION = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 _USUAL_MODEL = "3D/3dmodel.model"
 _DEEPEST = 32
+_EXTENSIONS = ("core", "material", "production", "trianglesets")
+"""Of the standard, by their names in the addresses of namespaces; others add to the shape or take from it."""
+_NAMESPACES = re.compile(rb"xmlns:(\w+)\s*=\s*[\"']([^\"']*)")
+_SUPPORTS = ("support", "solidsupport", "other")
+"""Types of objects that hold others while they are printed, and are no part of them."""
+_SETTINGS = ("metadata/model_settings.config", "metadata/slic3r_pe_model.config")
+_NOT_SOLID = re.compile(
+    rb"(modifier_part|negative_part|support_blocker|support_enforcer|ParameterModifier|NegativeVolume"
+    rb"|SupportBlocker|SupportEnforcer)"
+)
+"""What slicers write of meshes that are no part of the solid: Orca, Bambu Studio, PrusaSlicer."""
 MOST_TRIANGLES = 10_000_000
 """Of all places together: few bytes may ask for very many by naming one object often."""
 
@@ -36,6 +48,7 @@ class _Body:
     faces: np.ndarray
     property_ids: list[str]
     property_indices: np.ndarray
+    is_support: bool
     components: list[tuple[str, str, np.ndarray]]
 
 
@@ -48,12 +61,14 @@ class _Model:
     colours: dict[str, np.ndarray] = field(default_factory=dict)
     pictures: dict[str, tuple[str, np.ndarray]] = field(default_factory=dict)
     items: list[tuple[str, str, np.ndarray]] = field(default_factory=list)
+    all_printed: bool = True
 
 
 def read_three_mf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     """Read a 3MF file in metres, by the unit that it states: all objects in the places of its plate.
 
-    Colours are those of base materials, colour groups and textures, without their alpha.
+    Colours are those of base materials, colour groups and textures, without their alpha. Supports for
+    printing are left out, and so are items that are not printed.
 
     Parameters
     ----------
@@ -63,7 +78,8 @@ def read_three_mf(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     Raises
     ------
     InputError
-        Not 3MF, encrypted or cut short, no faces, an index out of range, a broken picture.
+        Not 3MF, encrypted or cut short, no faces, an index out of range, a broken picture, an extension that
+        adds to the shape, a mesh that a slicer takes for no part of the solid.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -96,10 +112,23 @@ class _Reader:
 
     def parts(self) -> Iterator[TexturedMesh]:
         """Yield meshes of one texture each."""
+        self.refuse_modifiers()
         first = self.first_model()
         model = self.model(first)
+        if not model.all_printed:
+            self.remarks["items that are not to be printed are left out"] = None
         for place, object_id, transform in model.items:
             yield from self.placed(place or first, object_id, transform, model.unit_m, 0)
+
+    def refuse_modifiers(self) -> None:
+        """Refuse what a slicer's settings take from the solid, or lay around it."""
+        for name in _SETTINGS:
+            if name in self.names and (kind := _NOT_SOLID.search(self.read(name))):
+                raise InputError(
+                    str(self.path),
+                    f"has a mesh that is no part of the solid ({kind[1].decode()} of a slicer)",
+                    "Export the object alone, as STL or 3MF",
+                )
 
     def first_model(self) -> str:
         """Name of the part that the archive begins with."""
@@ -116,7 +145,10 @@ class _Reader:
     def model(self, name: str) -> _Model:
         """Return a part, read once."""
         if name not in self.models:
-            self.models[name] = _model(xml_tree(self.read(name)))
+            data = self.read(name)
+            root = xml_tree(data)
+            _refuse_extensions(self.path, root, data)
+            self.models[name] = _model(root)
         return self.models[name]
 
     def placed(
@@ -125,6 +157,9 @@ class _Reader:
         """Yield an object, and those that it is made of, transformed by (4, 3) and scaled to metres."""
         model = self.model(name)
         body = model.bodies[object_id]
+        if body.is_support:
+            self.remarks["supports for printing are left out"] = None
+            return
         if depth > _DEEPEST:
             raise ValueError("objects are made of one another")
         for place, other, local in body.components:
@@ -176,8 +211,19 @@ class _Reader:
         return uniform_texture(DEFAULT_COLOUR), np.full((len(indices), 3, 2), np.nan)
 
 
+def _refuse_extensions(path: Path, root: Element, data: bytes) -> None:
+    """Raise `InputError` where a part needs an extension of 3MF that is not read, such as a beam lattice."""
+    spaces = {prefix.decode(): space.decode() for prefix, space in _NAMESPACES.findall(data)}
+    needed = [spaces.get(prefix, prefix) for prefix in root.get("requiredextensions", "").split()]
+    if foreign := [space for space in needed if not any(f"/{name}/" in space for name in _EXTENSIONS)]:
+        finding = f"needs the extension of 3MF {shortened(foreign[0])}, which is not supported"
+        raise InputError(str(path), finding, "Export it as a mesh alone")
+
+
 def _model(root: Element) -> _Model:
-    model = _Model(_UNITS_M[root.get("unit", "millimeter")])
+    items = [item for build in root.iter("build") for item in build.iter("item")]
+    printed = [item for item in items if item.get("printable", "1") not in ("0", "false")] or items
+    model = _Model(_UNITS_M[root.get("unit", "millimeter")], all_printed=len(printed) == len(items))
     pictures = {one.get("id", ""): one.get("path", "") for one in root.iter("texture2d")}
     for tag, item, key in (("basematerials", "base", "displaycolor"), ("colorgroup", "color", "color")):
         for group in root.iter(tag):
@@ -189,7 +235,7 @@ def _model(root: Element) -> _Model:
         model.pictures[group.get("id", "")] = (pictures[group.attrib["texid"]], np.array(pairs))
     for one in root.iter("object"):
         model.bodies[one.attrib["id"]] = _body(one)
-    model.items.extend(_place(item) for build in root.iter("build") for item in build.iter("item"))
+    model.items.extend(_place(item) for item in printed)
     return model
 
 
@@ -207,6 +253,7 @@ def _body(said: Element) -> _Body:
         np.array(faces, dtype=np.int64).reshape(-1, 3),
         [one.get("pid", of_all) for one in triangles],
         np.array(indices, dtype=np.int64).reshape(-1, 3),
+        said.get("type", "model") in _SUPPORTS,
         [_place(one) for one in said.iter("component")],
     )
 
