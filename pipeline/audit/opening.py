@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError
+from pipeline.audit.cloning import clone
 from pipeline.dataset.git_index import tracked_files
 from pipeline.dataset.site_cache import note_site_cache, use_own_site_cache
 
@@ -66,26 +67,25 @@ def opened_clone(address: str, revision: str | None = None) -> Iterator[Any]:
     Raises
     ------
     InputError
-        It sets what only its user may set.
+        It sets what only its user may set, or is larger than `cloning.LARGEST_CLONE_BYTES`.
     dvc.exceptions.DvcException
         It cannot be cloned, is not under DVC, or has no such revision.
     """
     from dvc.repo import Repo
-    from dvc.scm import CloneError, clone, map_scm_exception
+    from dvc.scm import CloneError
     from scmrepo.git import Git
 
     use_own_site_cache()
     with tempfile.TemporaryDirectory(prefix="objectfolder-get-") as scratch, _nobody_asked():
         root = Path(scratch) / "shallow"
-        git = None
-        with map_scm_exception():
-            if revision and not Git.is_sha(revision):  # a branch or tag needs no history
-                with contextlib.suppress(CloneError):
-                    git = clone(address, str(root), shallow_branch=revision)
-            if git is None:
-                root = Path(scratch) / "whole"
-                git = clone(address, str(root))
-            git.close()
+        is_cloned = False
+        if revision and not Git.is_sha(revision):  # a branch or tag needs no history
+            with contextlib.suppress(CloneError):
+                clone(address, root, revision)
+                is_cloned = True
+        if not is_cloned:
+            root = Path(scratch) / "whole"
+            clone(address, root)
         revision = revision or DEFAULT_BRANCH
         _check_settings(root, revision)
         settings = {"cache": {"dir": f"{scratch}/cache"}}

@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import shutil
+import socket
 import tempfile
 import threading
 from pathlib import Path
@@ -14,8 +15,9 @@ import s3_server
 import yaml
 from published_set import IDS, Server, command, publish, serving, write_version
 
+from objectfolder.errors import InputError
 from objectfolder.products.store import read_product
-from pipeline.audit import stores
+from pipeline.audit import cloning, stores
 from pipeline.audit.stores import NotHere, Stores
 from pipeline.cli import main
 from pipeline.dataset.stages import OBJECT_FILES
@@ -343,6 +345,22 @@ def test_a_repository_that_cannot_be_cloned_leaves_nothing(tmp_path, monkeypatch
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     assert main(["get", f"file://{tmp_path}/nowhere", "mug", "-o", str(tmp_path / "got")]) == 1
     assert "cannot be opened (" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_clone_is_bounded_in_size_and_in_patience(bare, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(cloning, "MOST_FILES", 10)
+    with pytest.raises(InputError, match="or 10 files, which no repository of a data set needs"):
+        get(f"file://{bare}@HEAD", ["mug"], tmp_path / "got")
+    monkeypatch.undo()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(cloning, "PATIENCE_S", 0.5)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as silent,
+        pytest.raises(InputError, match=r"sent nothing for 0.5 s"),
+    ):
+        get(f"git://127.0.0.1:{silent.getsockname()[1]}/x", ["mug"], tmp_path / "got")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,31 @@
+"""Child process that clones a repository: ``-m pipeline.audit.clone_process ADDRESS FOLDER [BRANCH]``.
+
+A process of its own, because nothing bounds what a server of git sends: `cloning` watches the folder, and
+ends it.
+"""
+
+import os
+import resource
+import sys
+
+from objectfolder.child_process import end_with
+
+MOST_MEMORY_BYTES = 2**32
+
+
+def main(address: str, folder: str, branch: str | None = None) -> None:
+    """Clone; end with a sentence on standard error where that fails."""
+    from scmrepo.exceptions import CloneError
+    from scmrepo.git import Git
+
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
+    shallow = {} if branch is None else {"shallow_branch": branch}
+    try:
+        Git.clone(address, folder, **shallow).close()
+    except CloneError as error:
+        sys.exit(" ".join(str(error.__cause__ or error).split()) or "the connection ended")
+
+
+if __name__ == "__main__":
+    end_with(os.getppid())
+    main(*sys.argv[1:])
