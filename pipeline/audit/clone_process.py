@@ -4,6 +4,7 @@ A process of its own, because nothing bounds what a server of git sends: `clonin
 ends it.
 """
 
+import errno
 import os
 import resource
 import sys
@@ -14,7 +15,7 @@ MOST_MEMORY_BYTES = 2**32
 
 
 def main(address: str, folder: str, branch: str | None = None) -> None:
-    """Clone; end with a sentence on standard error where that fails."""
+    """Clone; end with a sentence on standard error where that fails, or `errno.ENOSPC` on a full disk."""
     from scmrepo.exceptions import CloneError
     from scmrepo.git import Git
 
@@ -23,6 +24,8 @@ def main(address: str, folder: str, branch: str | None = None) -> None:
     try:
         Git.clone(address, folder, **shallow).close()
     except CloneError as error:
+        if getattr(error.__cause__, "errno", None) == errno.ENOSPC:
+            sys.exit(errno.ENOSPC)
         sys.exit(" ".join(str(error.__cause__ or error).split()) or "the connection ended")
 
 

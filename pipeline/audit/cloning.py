@@ -1,5 +1,6 @@
 """Clones of strangers' repositories, bounded in size, in number of files, and in how long nothing comes."""
 
+import errno
 import os
 import subprocess
 import time
@@ -25,6 +26,8 @@ def clone(address: str, folder: Path, branch: str | None = None) -> None:
     ------
     InputError
         It is larger than a repository of a data set is, or its server sends nothing.
+    OSError
+        The disk is full.
     dvc.scm.CloneError
         It cannot be cloned.
     """
@@ -45,6 +48,8 @@ def clone(address: str, folder: Path, branch: str | None = None) -> None:
             words = process.communicate()[1]
         finally:
             process.kill()
+    if process.returncode == errno.ENOSPC:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
     if process.returncode:
         raise CloneError(last_words(words))
 

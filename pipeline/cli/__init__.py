@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from pipeline.cli.usage import UsageError, usage_line
 USAGE, INTERRUPTED, UNREAD = 2, 130, 141
 DVC_STAGE = "DVC_STAGE"  # DVC sets this for the commands of stages
 PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG
+OUTPUTS = ("-o", "--output", "--table", "--preview", "--data")
 NO_SPACE, NO_DESCRIPTOR = (errno.ENOSPC, errno.EDQUOT), (errno.EMFILE, errno.ENFILE)
 # Extras of pyproject.toml that have a package which `factory` lacks.
 EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
@@ -120,7 +122,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno in NO_SPACE:
             from pipeline.store.storage import disk_error
 
-            print_error(disk_error(error, Path(error.filename or _fullest_folder())))
+            # Of a copy, the second name is that of the copy.
+            print_error(disk_error(error, Path(error.filename2 or error.filename or _fullest_folder(words))))
         elif error.errno in NO_DESCRIPTOR:
             print_error("too many files are open at once. Raise the limit: ulimit -n 1024.")
         elif error.filename is not None:
@@ -139,9 +142,12 @@ def _write_any_letter() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
-def _fullest_folder() -> str:
-    """Return the folder that is full where an error names none: that of temporary files, or this one."""
-    return min((tempfile.gettempdir(), "."), key=lambda folder: shutil.disk_usage(folder).free)
+def _fullest_folder(words: Sequence[str]) -> str:
+    """Return the folder that is full where an error names none: of temporary files, of outputs, this one."""
+    stated = [*pairwise(words), *(tuple(word.split("=", 1)) for word in words if "=" in word)]
+    outputs = [Path(value).absolute() for option, value in stated if option in OUTPUTS]
+    present = [str(next(path for path in (out, *out.parents) if path.is_dir())) for out in outputs]
+    return min((tempfile.gettempdir(), *present, "."), key=lambda folder: shutil.disk_usage(folder).free)
 
 
 @contextlib.contextmanager

@@ -162,6 +162,20 @@ def test_what_ends_a_command_decides_its_status_and_is_one_line(
     assert said in line
 
 
+def test_the_full_folder_is_the_outputs_where_an_error_names_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(path: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(objectfolder, "load", fail)
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage(9, 0, 9 * (folder != str(tmp_path))))
+    for output in (["-o", str(tmp_path / "new" / "a")], [f"--output={tmp_path}"]):
+        assert main(["render", "x.safetensors", "--turntable", *output]) == 1
+        assert f"{tmp_path}: no space left" in _last_line(capsys)
+
+
 def test_letters_that_a_terminal_has_not_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
