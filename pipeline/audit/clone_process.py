@@ -20,9 +20,8 @@ def main(address: str, folder: str, branch: str | None = None) -> None:
     from scmrepo.git import Git
 
     resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
-    shallow = {} if branch is None else {"shallow_branch": branch}
     try:
-        Git.clone(address, folder, **shallow).close()
+        Git.clone(address, folder, shallow_branch=branch).close()
     except CloneError as error:
         if getattr(error.__cause__, "errno", None) == errno.ENOSPC:
             sys.exit(errno.ENOSPC)

@@ -11,7 +11,7 @@ from objectfolder.errors import SimulationError
 from pipeline.cluster import tls
 from pipeline.cluster.places import HERE, LOCAL, Place
 from pipeline.cluster.pools import offers_here
-from pipeline.cluster.starting import make_cluster, start_workers
+from pipeline.cluster.starting import make_cluster, remove_keys, start_workers
 from pipeline.dataset.job import Finished, Job, Runner, failed
 from pipeline.dataset.task import Outcome
 from pipeline.sandbox import scratch
@@ -151,6 +151,7 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
         cluster = None
         if place.starts:
             cluster = make_cluster(place, root, tasks_at_most, security)
+            stack.callback(remove_keys, cluster)
             stack.callback(cluster.close)
         address = str(cluster.scheduler_address if cluster else place.address)
         tls.warn_if_open(address)

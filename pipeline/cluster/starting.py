@@ -1,9 +1,11 @@
 """Making the cluster class that a place names, and keeping as many workers as it should have."""
 
+import asyncio
 import importlib
 import inspect
 import logging
 import math
+import os
 import shlex
 import subprocess
 import sys
@@ -54,13 +56,22 @@ def make_cluster(place: Place, root: Path, tasks_at_most: int, security: Any) ->
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             keys = scratch.Scratch("keys", folder)
             cluster = _accepted(kind(*place.args, **_batch(arguments, place, root, security, keys.name)))
-            cluster.keys = keys  # removed with it; by the next run if this process is killed
+            cluster.keys = keys  # removed by `remove_keys`; by the next run if this process is killed
             return cluster
         return kind(*place.args, **arguments)
     except ObjectFolderError:
         raise
     except Exception as error:  # classes of other projects raise errors of any type
         raise SimulationError(place.starts, f"does not start ({error})", "See docs/cluster.md.") from error
+
+
+def remove_keys(cluster: Any) -> None:
+    """Remove the keys of a cluster of batch jobs that has closed: each file, and then their folder."""
+    for file in (getattr(cluster, f"_job_{kind}", None) for kind in ("cert", "key", "ca_file")):
+        if file is not None:
+            file.close()
+    if keys := getattr(cluster, "keys", None):
+        keys.cleanup()
 
 
 def start_workers(cluster: Any, place: Place, tasks_at_most: int) -> None:
@@ -89,10 +100,29 @@ async def _start_again(cluster: Any) -> None:
             print(f"worker {name} did not start or has ended; started again", file=sys.stderr)
             await worker.close()
             cluster.workers.pop(name, None)
+    for name, job in (await _ended_jobs(cluster)).items():
+        print(f"job {job} of worker {name} ended before it came; started again", file=sys.stderr)
+        cluster.workers.pop(name, None)
     try:
         await cluster
     except Exception as error:  # of SSH, of a batch system, of a process
         print(f"a worker does not start: {error}; tried again", file=sys.stderr)
+
+
+async def _ended_jobs(cluster: Any) -> dict[Any, str]:
+    """Return the jobs of Slurm that ended before their worker connected, by its name: Dask waits for them."""
+    if getattr(getattr(cluster, "job_cls", None), "submit_command", "") != "sbatch":
+        return {}
+    connected = {worker["name"] for worker in cluster.scheduler_info["workers"].values()}
+    jobs = {name: worker.job_id for name, worker in cluster.workers.items() if name not in connected}
+    if not jobs:
+        return {}
+    command = ["squeue", "--noheader", "--format=%i", f"--user={os.getuid()}"]
+    asked = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    queue = (await asked.communicate())[0].decode().split()
+    if asked.returncode:  # Slurm does not answer, and says nothing of jobs
+        return {}
+    return {name: job for name, job in jobs.items() if job and job not in queue and name in cluster.workers}
 
 
 def _cluster_class(place: Place) -> Callable[..., Any]:

@@ -1,5 +1,6 @@
 """The state of each object in each stage, and which tasks can run as their inputs are made."""
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -150,9 +151,13 @@ class Flow:
         self._on_settled(stage, object_id, outcome, cpu_s, wall_s)
 
     def _fail(self, stage: Stage, object_id: str, failure: Failure, cost: Outcome | None = None) -> None:
-        """Note a failure, and remove the object's earlier products."""
+        """Note a failure, and remove the object's earlier products.
+
+        In a folder that cannot be written these stay: their fingerprints tell that they are not of this run.
+        """
         self._settle(stage.name, object_id, FAILED, cost)
         wanted = self._fingerprints[stage.name].get(object_id, "")
         self.failures[stage.name].append(FailedObject.of(stage.name, failure, wanted))
         for path in stage.targets(self._root, object_id):
-            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                path.unlink()

@@ -12,6 +12,7 @@ from services import need
 from slurm import PROGRAMS, slurm
 
 from objectfolder.errors import SimulationError
+from pipeline.cluster import starting
 from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place
 
@@ -98,6 +99,20 @@ def test_a_job_that_reaches_its_walltime_is_replaced_and_its_task_runs_again(com
         eventually((tmp_path / "mark").exists)
         (first,) = jobs()
         assert int(task.result()) > int(first)
+
+
+@pytest.mark.slow
+@pytest.mark.release("pipeline.cluster", "cluster")
+def test_a_job_that_is_cancelled_before_its_worker_comes_is_replaced(commands, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(starting, "LOOK_S", 1.0)
+    prologue = ["test -e there || { touch there; sleep 600; }"]
+    with connect(place(1, job_script_prologue=prologue), tmp_path, 1) as client:
+        task = client.submit(sum, [1, 2])
+        eventually((tmp_path / "there").exists)
+        subprocess.run(["scancel", *jobs()], check=True)
+        assert task.result(timeout=180) == 3
+    assert list((tmp_path / ".objectfolder" / "keys").iterdir()) == []
+    assert "ended before it came; started again" in capfd.readouterr().err
 
 
 def _path() -> list[str]:
