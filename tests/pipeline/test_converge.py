@@ -1,6 +1,8 @@
 """The scenarios of a stage that converges, executions counted."""
 
+import errno
 from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 from toys import FILES, INGESTED, QUALITY, TUNED, Here
@@ -97,6 +99,21 @@ def test_a_stage_where_all_fail_does_not_stand(toys):
         toys.add(name, "poison 1/0")
     (summary,) = toys.converge(toys.ingest)
     assert summary.exit_code(allow_failures=True) == 1
+
+
+def test_a_failure_beside_products_that_cannot_be_removed_ends_no_run(toys, monkeypatch):
+    toys.add("cup", "poison raise ValueError('no cup')")
+    products, unlink = toys.root / "data/ingested", Path.unlink
+
+    def refuse(path, missing_ok=False):
+        if path.parent == products:
+            raise OSError(errno.EROFS, "Read-only file system", str(path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    ingested, tuned, _ = toys.converge()
+    assert [failure.object for failure in ingested.failures] == ["cup"]
+    assert tuned.computed == ("ball", "dish")
 
 
 def test_half_written_leftovers_are_swept(toys):
