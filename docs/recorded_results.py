@@ -112,13 +112,13 @@ def modules_of(name: str) -> list[Path]:
 
 def commits() -> list[Commit]:
     """Return the history, latest first, without merges; nothing where there is no git."""
-    command = ["git", "log", "--format=@%h %cs", "--name-only", "--", "bench/results", *PACKAGES]
+    command = ["git", "log", "--format=%x01%h %cs", "--name-only", "--", "bench/results", *PACKAGES]
     try:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return []
     found = []
-    for part in done.stdout.split("@")[1:]:
+    for part in done.stdout.split("\x01")[1:]:
         heading, *names = part.split("\n")
         name, _, date = heading.partition(" ")
         found.append(Commit(name, date, frozenset(filter(None, names))))
