@@ -29,11 +29,13 @@ class FreeModes:
     boundary : of the elements
     vectors : (functions, 3, modes) coefficients, of unit modal mass for a body of unit density and length
     frequencies_hz : (modes,) without damping
+    length_m : that unit of length
     """
 
     boundary: Boundary
     vectors: Floats
     frequencies_hz: Floats
+    length_m: float
 
     @classmethod
     def of(cls, surface: Surface, material: Material) -> "FreeModes":
@@ -50,7 +52,7 @@ class FreeModes:
         places = boundary.surface.sample(SIGNED_AT, 0)
         shapes = boundary.at(found.vectors, places.face, places.barycentric)
         turned = found.vectors @ canonical_rotation(found.eta_squared, shapes, places.points)
-        return cls(boundary, turned, frequencies)
+        return cls(boundary, turned, frequencies, length)
 
     def normal_velocity(self, mesh: Surface, modes: list[int]) -> Floats:
         """Normal component (faces, modes) in the middles of a mesh's faces, at the nearest places."""

@@ -16,7 +16,7 @@ import numpy as np
 
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude, save, subplots
-from objectfolder.audio.audionet.audionet import AudioNet
+from objectfolder.audio.audionet.audionet import RADIATION, AudioNet
 from objectfolder.audio.synthesis.audibility import REFERENCE_PA, quiet_threshold_db
 from objectfolder.live import LiveSound, MujocoSimulation
 from objectfolder.live.culling import Culling
@@ -164,7 +164,8 @@ def with_modes(modes: int) -> ObjectFile:
     angular = 2 * np.pi * np.geomspace(300.0, 18e3, modes)
     material = file.description["material"]
     shapes = net._quantised.reshape(len(net._quantised), 3, -1)[:, :, which]
-    tensors = net.tensors() | {
+    # Its decays are others: what radiation has of the mug's is no part of them.
+    tensors = {name: tensor for name, tensor in net.tensors().items() if name != f"audio.{RADIATION}"} | {
         "audio.eigenvalues": angular**2,
         "audio.dampings_per_s": (material["rayleigh_alpha_per_s"] + material["rayleigh_beta_s"] * angular**2)
         / 2,
@@ -172,7 +173,8 @@ def with_modes(modes: int) -> ObjectFile:
         "audio.coefficients": pack_matrix(shapes.reshape(len(shapes), -1)),
     }
     net = AudioNet.from_tensors(tensors, net.metadata() | {"modes": modes}, file.surface)
-    tensors = file.content().tensors | tensors
+    kept = {name: tensor for name, tensor in file.content().tensors.items() if not name.startswith("audio.")}
+    tensors = kept | tensors
     return ObjectFile(file.surface, file.frame, file.vision, net, file.touch.net, file.description, tensors)
 
 

@@ -102,6 +102,9 @@ class AudioParameters:
     damping: Annotated[Literal["loss_factor", "rayleigh"], Field(description="law by which modes decay")] = (
         "loss_factor"
     )
+    radiation: Annotated[
+        Literal["solved", "sphere"], Field(description="what modes lose to the air, and how loud they are")
+    ] = "solved"
 
 
 DEPTH = Bounds(1e-6, 0.05, "metres", "of touches into the gel, least and most")

@@ -65,6 +65,7 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
         "dampings_per_s": Tolerance(2e-4, 5e-5, because=_SOLVED),
         "error_estimates_cents": Tolerance(absolute=0.2, because=_SOLVED),
         "mode_shapes": Tolerance(2e-2, 2e-3, because=_SOLVED),
+        "radiation_dampings_per_s": Tolerance(2e-2, 5e-3, because=_SOLVED),
         "radiation_weights": Tolerance(1e-3, 2e-4, because=_SOLVED),
         "residuals": Tolerance(3e-2, 1e-2, because=_SOLVED),
         "multipoles": Tolerance(2e-2, 2e-3, because=_SOLVED),

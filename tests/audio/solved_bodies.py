@@ -73,8 +73,8 @@ def surface_of(solid: Solid) -> Surface:
 
 
 def modes_of(solid: Solid, stuff: Material, max_frequency_hz: float, **options: Any) -> Product:
-    """Return the modes of a solid at few points, with other options of `modes_of_solid`."""
-    few = {"max_modes": 60, "training_points": 8, "held_out_points": 8, "seed": 0}
+    """Return the modes of a solid at few points, damped by the material alone."""
+    few = {"max_modes": 60, "training_points": 8, "held_out_points": 8, "seed": 0, "radiation": "sphere"}
     return modes_of_solid(surface_of(solid), solid, stuff, max_frequency_hz=max_frequency_hz, **few | options)
 
 

@@ -59,15 +59,16 @@ def strike(partials: list[tuple[float, float, float]], seed: int, seconds: float
     return samples + 2.5e-4 * generator.normal(size=len(samples))
 
 
-def bar_recording(truth: np.ndarray, seed: int) -> Recording:
+def bar_recording(truth: np.ndarray, radiation_per_s: np.ndarray, seed: int) -> Recording:
+    """A recording of modes that lose to their material and to the air."""
     amplitudes = np.random.default_rng(seed).uniform(0.2, 1, len(truth))
-    partials = [(hertz, np.pi * LOSS_FACTOR * hertz, a) for hertz, a in zip(truth, amplitudes, strict=True)]
+    partials = list(zip(truth, np.pi * LOSS_FACTOR * truth + radiation_per_s, amplitudes, strict=True))
     return recording_of(strike([*partials, (OUTLIER_HZ, 20.0, 0.3)], seed), RATE_HZ)
 
 
 @pytest.fixture(scope="module")
-def partials(truth: np.ndarray) -> Partials:
-    recordings = [bar_recording(truth, seed) for seed in (1, 2)]
+def partials(truth: np.ndarray, body: SolvedBody) -> Partials:
+    recordings = [bar_recording(truth, body.radiation_dampings_per_s, seed) for seed in (1, 2)]
     return partials_over(recordings, [partials_of(each, LIMIT_HZ) for each in recordings], LIMIT_HZ)
 
 

@@ -54,28 +54,25 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
     >>> round(float(abs(found.multipoles[0, 0])) / (1.204 * 2 * np.pi * 500 * octahedron.area / 3.545), 1)
     0.9
     """
-    centre = surface.bounds.mean(axis=0)
-    radius = float(np.linalg.norm(surface.vertices - centre, axis=1).max())
+    centre, radius = middle_of(surface)
     wavenumbers = 2 * np.pi * np.array(frequencies_hz, dtype=np.float64) / SOUND_SPEED_M_S
     highest = order_for(wavenumbers.max(initial=0.0) * radius)
     multipoles = np.zeros((len(wavenumbers), count_of(highest)), dtype=np.complex128)
     found = Radiation(centre, radius, wavenumbers.copy(), multipoles, np.zeros(len(wavenumbers)))
-    points = surface.vertices[surface.faces].mean(axis=1)
-    middles = np.arange(len(points)), np.full((len(points), 3), 1 / 3)
-    true = _normal_velocity(surface, shapes, middles, surface.face_normals)
+    points, true = normal_velocities(surface, shapes)
     waiting = wavenumbers > 0
     for edge_m, finest in _levels(surface.area):
         tried = np.flatnonzero(waiting & (finest | (PER_WAVELENGTH * edge_m * wavenumbers <= 2 * np.pi)))
         if len(tried) == 0:
             continue
         mesh = remeshed(surface, edge_m)
-        velocity, misfit = _on_elements(mesh, surface, shapes, points, true, tried)
+        velocity, misfit = velocities_on_elements(mesh, surface, shapes, points, true, tried)
         good = (misfit <= MISFIT) | finest
         modes = tried[good]
         if len(modes) == 0:
             continue
         coarse = remeshed(surface, COMPARED * edge_m)
-        coarsely = _on_elements(coarse, surface, shapes, points, true, modes)[0]
+        coarsely = velocities_on_elements(coarse, surface, shapes, points, true, modes)[0]
         elements = (
             Elements(mesh, velocity[:, :, good], centre, highest),
             Elements(coarse, coarsely, centre, highest),
@@ -119,6 +116,19 @@ def _levels(area: float) -> list[tuple[float, bool]]:
     return [(finest * COARSER**step, step == 0) for step in (2, 1, 0)]
 
 
+def middle_of(surface: Surface) -> tuple[Floats, float]:
+    """Middle (3,) of the bounding box, and the radius of the sphere about it round a surface."""
+    centre = surface.bounds.mean(axis=0)
+    return centre, float(np.linalg.norm(surface.vertices - centre, axis=1).max())
+
+
+def normal_velocities(surface: Surface, shapes: Shapes) -> tuple[Floats, Floats]:
+    """Middles (faces, 3) of a surface's faces, and the normal components (faces, modes) of shapes there."""
+    points = surface.vertices[surface.faces].mean(axis=1)
+    middles = np.arange(len(points)), np.full((len(points), 3), 1 / 3)
+    return points, _normal_velocity(surface, shapes, middles, surface.face_normals)
+
+
 def _normal_velocity(
     surface: Surface, shapes: Shapes, places: tuple[Integers, Floats], normals: Floats
 ) -> Floats:
@@ -143,7 +153,7 @@ def _nearest(surface: Surface, points: Floats) -> tuple[Integers, Floats]:
     return face, closest_barycentric(surface.vertices[surface.faces[face]], points)
 
 
-def _on_elements(
+def velocities_on_elements(
     mesh: Surface, surface: Surface, shapes: Shapes, points: Floats, every: Floats, modes: Integers
 ) -> tuple[Floats, Floats]:
     """Velocities (t, 3, m) at corners of elements, and how far off the true ones they were, relative (m,).

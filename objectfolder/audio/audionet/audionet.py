@@ -38,6 +38,7 @@ Integers = NDArray[np.int64]
 BARYCENTRIC_STEPS = 255
 DETOUR_STEP = 2.0**-13  # of the object's size
 MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")
+RADIATION = "radiation_dampings_per_s"  # not in a file whose radiation was not solved
 # Rows of one matrix product. A row's answer must not depend on how many others there are, and the order in
 # which a product adds up may depend on its shape: every product has this one.
 ROWS = 16
@@ -65,6 +66,8 @@ class AudioNet:
     dampings_per_s : (modes,) float64, decay rates of the amplitude; modes damped beyond the critical, with
         c^2 >= lambda, are among them
     radiation_weights : (modes,) float64, kg^-1/2: rms of the normal component over the surface
+    radiation_dampings_per_s : (modes,) float64, what radiation has of `dampings_per_s`; None where it was not
+        solved: the air is then in no decay
     transfer : the way of each mode through the air, None where it was not solved
     """
 
@@ -77,6 +80,7 @@ class AudioNet:
         self.eigenvalues: Floats = tensors["audio.eigenvalues"]
         self.dampings_per_s: Floats = tensors["audio.dampings_per_s"]
         self.radiation_weights: Floats = tensors["audio.radiation_weights"]
+        self.radiation_dampings_per_s: Floats | None = tensors.get(f"audio.{RADIATION}")
         described = metadata.get("transfer")
         self.transfer = (
             None if described is None else AirTransfer.from_tensors(tensors, described, len(self.eigenvalues))
@@ -141,11 +145,13 @@ class AudioNet:
         known = _tensors_of(tensors, points, modes)
         if metadata.get("transfer") is not None:
             known.update((name, tensors[name]) for name in TRANSFER_TENSORS if name in tensors)
-        for name in (*MODE_TENSORS, "step"):
-            values = known[f"audio.{name}"]
+        for name in (*MODE_TENSORS, "step", RADIATION):
+            values = known.get(f"audio.{name}", np.zeros(0))
             if not ((values >= 0) & (values <= LARGEST_VALUE)).all():
                 finding = f"audio.{name} is negative, not finite or above {LARGEST_VALUE:g}"
                 raise FormatError("Object File", finding, "Make it again.")
+        if (known.get(f"audio.{RADIATION}", np.zeros(modes)) > known["audio.dampings_per_s"]).any():
+            raise FormatError("Object File", f"audio.{RADIATION} is above the whole decay", "Make it again.")
         faces = known["audio.control_faces"]
         if len(faces) and (faces.min() < 0 or faces.max() >= len(surface.faces)):
             raise FormatError("Object File", "audio.control_faces names faces that are not there")
@@ -294,6 +300,8 @@ def _tensors_of(tensors: Mapping[str, np.ndarray], points: int, modes: int) -> d
         "step": ((2,), np.float64),
         **{name: ((modes,), np.float64) for name in MODE_TENSORS},
     }
+    if f"audio.{RADIATION}" in tensors:
+        expected[RADIATION] = ((modes,), np.float64)
     known: dict[str, np.ndarray] = {}
     for name, (shape, kind) in expected.items():
         tensor = tensors.get(f"audio.{name}")

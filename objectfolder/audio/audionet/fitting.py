@@ -16,6 +16,7 @@ from objectfolder.audio.audionet.audionet import (
     BARYCENTRIC_STEPS,
     DETOUR_STEP,
     MODE_TENSORS,
+    RADIATION,
     AudioNet,
     encode_detours,
     size_of,
@@ -101,7 +102,8 @@ def fit_audionet(
     training = ~modes["held_out"]
     shapes = modes["mode_shapes"][training].astype(np.float64)
     values = shapes.reshape(len(shapes), 3 * shapes.shape[2])
-    own = {name: np.array(modes[name], dtype=np.float64) for name in MODE_TENSORS}
+    names = (*MODE_TENSORS, RADIATION) if RADIATION in modes.arrays else MODE_TENSORS
+    own = {name: np.array(modes[name], dtype=np.float64) for name in names}
     room = most_bytes - sum(tensor.nbytes for tensor in own.values()) - 8
     if values.size:
         nearest = surface.closest_points(modes["points"][training])

@@ -1,7 +1,7 @@
 """The modal sound of an object: from a surface and a material to frequencies, dampings and mode shapes."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +9,23 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.air.multipoles import radiation_arrays
 from objectfolder.audio.air.radiation import radiate
-from objectfolder.audio.damping import LOSS_FACTOR, LossFactor, Rayleigh, damping_of, describe_damping
+from objectfolder.audio.air.radiation_loss import dampings_of, radiation_dampings
+from objectfolder.audio.damping import LOSS_FACTOR, damping_of, describe_damping
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
 from objectfolder.audio.modes.geometry_error import geometry_error_cents, shape_warnings, volume_error
 from objectfolder.audio.modes.limits import Limits
+from objectfolder.audio.modes.product_arrays import (
+    Motion,
+    Units,
+    accuracy_attributes,
+    near_limit,
+    shape_arrays,
+    spectrum_arrays,
+    spectrum_attributes,
+)
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
@@ -25,11 +35,13 @@ from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 # Points at which repeated modes are told apart.
 CANONICAL_POINTS = 2000
 # Added to the seed for held-out points.
 HELD_OUT = 1_000_003
 NO_TRANSFER, MULTIPOLE = "none", "multipole"
+SOLVED, SPHERE = "solved", "sphere"
 # Of the band, unless others are asked for.
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 256
 # How far a mode may be off, and what may be spent on it, unless others are asked for.
@@ -59,6 +71,7 @@ def simulate_modes(
     memory_limit_gb: float = MEMORY_LIMIT_GB,
     transfer: str = NO_TRANSFER,
     damping: str = LOSS_FACTOR,
+    radiation: str = SOLVED,
     seconds: dict[str, float] | None = None,
 ) -> Product:
     """Fill a surface and solve every elastic mode below a frequency.
@@ -75,13 +88,13 @@ def simulate_modes(
         What errors call the surface.
     max_frequency_hz, max_modes, training_points, held_out_points, seed, accuracy_cents, highest_order
         As for `modes_of_solid`, and so is the product.
-    max_unknowns, time_limit_s, memory_limit_gb, transfer, damping, seconds
+    max_unknowns, time_limit_s, memory_limit_gb, transfer, damping, radiation, seconds
         As for `modes_of_solid`.
 
     Raises
     ------
     ValueError
-        `highest_order` is none of 3, 4 and 5, or `damping` no law.
+        `highest_order` is none of 3, 4 and 5, `damping` no law, or `radiation` none of the two.
     InputError
         A material that does not state what Rayleigh's law needs.
     SimulationError
@@ -97,7 +110,7 @@ def simulate_modes(
     >>> [round(float(hertz), -1) for hertz in modes["frequencies_hz"]]  # a slender beam: 2790
     [2750.0]
     """
-    _check_order(highest_order)
+    _check_choices(highest_order, radiation)
     damping_of(material, damping)  # refused before anything is filled
     started = _cpu_seconds()
     surface = Surface(surface.vertices, surface.faces)  # normals of a source are made to be seen by
@@ -110,7 +123,7 @@ def simulate_modes(
         training_points=training_points, held_out_points=held_out_points, seed=seed,
         accuracy_cents=accuracy_cents, highest_order=highest_order, max_unknowns=max_unknowns,
         time_limit_s=time_limit_s, memory_limit_gb=memory_limit_gb, transfer=transfer, damping=damping,
-        seconds=seconds,
+        radiation=radiation, seconds=seconds,
     )  # fmt: skip
 
 
@@ -139,6 +152,7 @@ def modes_of_solid(
     memory_limit_gb: float = MEMORY_LIMIT_GB,
     transfer: str = NO_TRANSFER,
     damping: str = LOSS_FACTOR,
+    radiation: str = SOLVED,
     seconds: dict[str, float] | None = None,
 ) -> Product:
     """Elastic modes of a solid, given at points of a surface.
@@ -164,19 +178,23 @@ def modes_of_solid(
     damping
         The law of `objectfolder.audio.damping`: ``loss_factor``, or ``rayleigh`` as in the papers. A material
         without a loss factor is damped by Rayleigh's; attribute ``damping`` states the law.
+    radiation
+        ``solved``: what each mode loses to the air is in its decay, and in ``radiation_dampings_per_s``, see
+        `objectfolder.audio.air.radiation_loss`; ``sphere``: decays are the material's alone, and a listener
+        hears a sphere of the same area.
     seconds
         Filled with the CPU seconds of each step, child processes included.
 
     Returns
     -------
     Product
-        Arrays `_spectrum_arrays` and `_shape_arrays`. Without a mode below the limit all of (mode,) have
-        length 0 and `audible` is false.
+        Arrays of `objectfolder.audio.modes.product_arrays`. Without a mode below the limit all of
+        (mode,) have length 0 and `audible` is false.
 
     Raises
     ------
     ValueError
-        `highest_order` is none of 3, 4 and 5, or `damping` no law.
+        `highest_order` is none of 3, 4 and 5, `damping` no law, or `radiation` none of the two.
     InputError
         A material that does not state what Rayleigh's law needs.
     UnsolvableError
@@ -184,10 +202,10 @@ def modes_of_solid(
     SimulationError
         It takes more than `time_limit_s`.
     """
-    _check_order(highest_order)
+    _check_choices(highest_order, radiation)
     decay = damping_of(material, damping)
     started = _cpu_seconds()
-    units = _Units.of(solid, material)
+    units = Units.of(solid, material)
     space, bent = space_on(solid, highest_order, units.length_m, bend=True)
     bend_s = _cpu_seconds() - started
     below = (2 * np.pi * max_frequency_hz / units.radians_per_s) ** 2
@@ -198,24 +216,31 @@ def modes_of_solid(
     counts = training_points, held_out_points
     boundary = Boundary(solid, spectrum.space, units.length_m)
     vectors = _canonical(spectrum, boundary)
+    air = _cpu_seconds()
+    motion, transferred, described = _in_air(
+        (boundary, vectors), units, Motion.of(spectrum, decay, units), transfer, radiation
+    )
+    air_s = _cpu_seconds() - air
     shapes = boundary, vectors
-    arrays, attributes = _read(surface, solid, material, decay, spectrum, units, shapes, counts, seed)
+    arrays, attributes = _read(surface, solid, material, motion, spectrum, units, shapes, counts, seed)
+    arrays.update(transferred)
+    attributes["damping"] = describe_damping(decay)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
-    attributes["count_certificate"].update(_near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
-    attributes.update(_wish(accuracy_cents, spectrum.error_cents))
+    attributes["count_certificate"].update(near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
+    attributes.update(accuracy_attributes(accuracy_cents, spectrum.error_cents))
     attributes["warnings"] += shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
-    air = _cpu_seconds()
-    if transfer == MULTIPOLE:
-        heard, attributes["transfer"] = _radiated(shapes, units, arrays["frequencies_hz"].data)
-        arrays.update(heard)
+    if described:
+        attributes["transfer"] = described
     if seconds is not None:
-        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": air - read})
-        seconds["air"] = _cpu_seconds() - air
+        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read - air_s})
+        seconds["air"] = air_s
     return Product(arrays, attributes)
 
 
-def _check_order(highest_order: int) -> None:
+def _check_choices(highest_order: int, radiation: str) -> None:
+    if radiation not in (SOLVED, SPHERE):
+        raise ValueError(f"radiation {radiation!r}: use {SOLVED} or {SPHERE}")
     if highest_order not in ORDERS:
         raise ValueError(
             f"highest order {highest_order}: an error is estimated with orders {ORDERS[0]} to {ORDERS[-1]}; "
@@ -223,27 +248,13 @@ def _check_order(highest_order: int) -> None:
         )
 
 
-@dataclass(frozen=True)
-class _Units:
-    """What 1 stands for in the dimensionless problem of a solid."""
-
-    length_m: float
-    radians_per_s: float  # omega = eta c_s / L
-    mass_kg: float
-
-    @classmethod
-    def of(cls, solid: Solid, material: Material) -> "_Units":
-        length = float(np.ptp(solid.vertices, axis=0).max())
-        return cls(length, material.shear_speed_m_s / length, material.density_kg_m3 * length**3)
-
-
 def _read(
     surface: Surface,
     solid: Solid,
     material: Material,
-    damping: LossFactor | Rayleigh,
+    motion: Motion,
     spectrum: Spectrum,
-    units: _Units,
+    units: Units,
     shaped: tuple[Boundary, Floats],
     counts: tuple[int, int],
     seed: int,
@@ -260,11 +271,11 @@ def _read(
     volume_m3 = spectrum.volume * units.length_m**3
     wall_m = 2 * volume_m3 / boundary.surface.area
     arrays = {
-        **_spectrum_arrays(spectrum, damping, units, weights),
-        **_shape_arrays(points, normals, shapes / np.sqrt(units.mass_kg), counts[0]),
+        **spectrum_arrays(spectrum, motion, weights),
+        **shape_arrays(points, normals, shapes / np.sqrt(units.mass_kg), counts[0]),
     }
     attributes: dict[str, Any] = {
-        **_spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
+        **spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
         "geometry_error_estimate_cents": geometry_error_cents(solid, volume_m3, distance, wall_m),
         "discretisation": {
             "elements": len(solid.tetrahedra),
@@ -278,19 +289,32 @@ def _read(
         "effective_wall_thickness_m": wall_m,
         "transfer_distance_max_m": float(distance.max(initial=0.0)),
         "material": material.name,
-        "damping": describe_damping(damping),
     }
     return arrays, attributes
 
 
-def _radiated(
-    shaped: tuple[Boundary, Floats], units: _Units, frequencies_hz: Floats
-) -> tuple[dict[str, Array], dict[str, Any]]:
-    """What each mode radiates, as arrays and an attribute."""
+def _in_air(
+    shaped: tuple[Boundary, Floats], units: Units, motion: Motion, transfer: str, radiation: str
+) -> tuple[Motion, dict[str, Array], dict[str, Any]]:
+    """Motion of the modes with what they lose to the air; of their transfer arrays and an attribute."""
     boundary, vectors = shaped
     scaled = vectors / np.sqrt(units.mass_kg)
-    found = radiate(boundary.surface, lambda face, place: boundary.at(scaled, face, place), frequencies_hz)
-    return radiation_arrays(found), {"centre_m": found.centre_m.tolist(), "radius_m": found.radius_m}
+
+    def shapes(face: Integers, place: Floats) -> Floats:
+        return boundary.at(scaled, face, place)
+
+    arrays: dict[str, Array] = {}
+    described: dict[str, Any] = {}
+    rates: Floats | None = None
+    if transfer == MULTIPOLE:
+        solved = radiate(boundary.surface, shapes, motion.frequencies_hz)
+        arrays, rates = radiation_arrays(solved), dampings_of(solved)
+        described = {"centre_m": solved.centre_m.tolist(), "radius_m": solved.radius_m}
+    elif radiation == SOLVED:
+        rates = radiation_dampings(boundary.surface, shapes, motion.frequencies_hz)
+    if radiation == SOLVED:
+        motion = replace(motion, radiation_dampings_per_s=rates)
+    return motion, arrays, described
 
 
 def _rigid(solid: Solid, mass_kg: float) -> dict[str, Any]:
@@ -300,90 +324,6 @@ def _rigid(solid: Solid, mass_kg: float) -> dict[str, Any]:
         "mass_kg": mass_kg,
         "centre_of_mass_m": straight.centre_of_mass_m.tolist(),
         "inertia_kg_m2": (mass_kg / straight.volume_m3 * straight.inertia_per_density_m5).tolist(),
-    }
-
-
-def _shape_arrays(points: Floats, normals: Floats, shapes: Floats, training: int) -> dict[str, Array]:
-    """Points (point, 3), the first for training, with normals and mode shapes (point, 3, mode) there."""
-    return {
-        "points": Array(points, ("point", "axis"), "m", "points of the surface, object frame", False),
-        "normals": Array(normals, ("point", "axis"), "1", "outward normals there, object frame", False),
-        "mode_shapes": Array(
-            shapes.astype(np.float32),
-            ("point", "axis", "mode"),
-            "kg-1/2",
-            "mode shape, u^T M u = 1",
-            False,
-        ),
-        "held_out": Array(np.arange(len(points)) >= training, ("point",), "1", "point is not for fitting"),
-    }
-
-
-def _spectrum_arrays(
-    spectrum: Spectrum, damping: LossFactor | Rayleigh, units: _Units, weights: Floats
-) -> dict[str, Array]:
-    """What the product says of each mode; error estimates are NaN where nothing is known.
-
-    With lambda = omega^2 and the decay rate c that the law gives it the damped frequency is
-    sqrt(lambda - c^2) / 2 pi, and 0 where the mode does not ring.
-    """
-    eigenvalues = spectrum.eta_squared * units.radians_per_s**2
-    dampings = damping.decay_rates(eigenvalues)
-    frequencies = np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi)
-    errors = spectrum.error_cents if len(spectrum.error_cents) else np.full(len(eigenvalues), np.nan)
-    return {
-        "frequencies_hz": Array(frequencies, ("mode",), "Hz", "damped eigenfrequency, 0 if it does not ring"),
-        "eigenvalues": Array(eigenvalues, ("mode",), "rad2 s-2", "squared angular eigenfrequency"),
-        "dampings_per_s": Array(dampings, ("mode",), "s-1", "decay rate of the amplitude"),
-        "residuals": Array(spectrum.residuals, ("mode",), "1", "|K u - lambda M u| / |lambda M u|"),
-        "error_estimates_cents": Array(errors, ("mode",), "cents", "estimated error of the frequency"),
-        "radiation_weights": Array(
-            weights, ("mode",), "kg-1/2", "rms over the surface of the normal component"
-        ),
-    }
-
-
-def _spectrum_attributes(spectrum: Spectrum, units: _Units, frequencies: Floats) -> dict[str, Any]:
-    """What the product says of the modes together."""
-    limit_hz = float(np.sqrt(spectrum.limit) * units.radians_per_s / (2 * np.pi))
-    return {
-        "audible": len(frequencies) > 0,
-        "stated_frequency_limit_hz": limit_hz,
-        "overdamped_modes": int(np.count_nonzero(frequencies == 0)),
-        "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz},
-        "error_estimate_cents": float(spectrum.error_cents.max()) if len(spectrum.error_cents) else None,
-        "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * units.radians_per_s / (2 * np.pi)),
-    }
-
-
-def _near_limit(spectrum: Spectrum, geometry_cents: float | None) -> dict[str, int]:
-    """How many modes lie so near the limit that the body itself may have them on its other side.
-
-    The elements have every frequency too high, by up to its estimate, and of another shape, by the geometry's
-    error up or down: a mode found below the limit is above it by the shape alone. Those found above the limit
-    have the estimate of the last mode below it.
-    """
-    shape = geometry_cents or 0.0
-    elements = float(spectrum.error_cents[-1]) if len(spectrum.error_cents) else 0.0
-    cents_below = 600 * np.log2(spectrum.limit / spectrum.eta_squared)
-    cents_above = 600 * np.log2(spectrum.beyond / spectrum.limit)
-    return {
-        "found_within_error_below_limit": int(np.count_nonzero(cents_below <= shape)),
-        "left_within_error_above_limit": int(np.count_nonzero(cents_above <= elements + shape)),
-    }
-
-
-def _wish(accuracy_cents: float, error_cents: Floats) -> dict[str, Any]:
-    """What was asked, whether it was reached (None without modes), and what to say where it was not."""
-    above = int(np.count_nonzero(error_cents > accuracy_cents))
-    text = (
-        f"{accuracy_cents:g} cents wanted (accuracy_cents), {error_cents.max(initial=0.0):.1f} may be left "
-        f"in {above} of {len(error_cents)} modes: it takes more elements, or state a larger accuracy_cents"
-    )
-    return {
-        "accuracy_cents": float(accuracy_cents),
-        "accuracy_reached": above == 0 if len(error_cents) else None,
-        "warnings": [text] if above else [],
     }
 
 

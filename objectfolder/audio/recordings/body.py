@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.audio.air.radiation_loss import radiation_dampings
 from objectfolder.audio.elements.elasticity import chunks, element_integrals, element_stiffness
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
+from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.modes import (
     ACCURACY_CENTS,
@@ -46,6 +48,7 @@ class SolvedBody:
     limit_hz : below which every mode is here
     volume_m3, wall_m : of the solid; its mean wall is twice its volume over its surface
     solve_s, derivatives_s : CPU seconds
+    radiation_dampings_per_s : (m,) decay rates by what each mode radiates; None where they are not known
     """
 
     material: Material
@@ -58,6 +61,7 @@ class SolvedBody:
     wall_m: float
     solve_s: float = 0.0
     derivatives_s: float = 0.0
+    radiation_dampings_per_s: Floats | None = None
 
 
 def solve_body(
@@ -115,9 +119,15 @@ def body_of_solid(
     errors = spectrum.error_cents if len(spectrum.error_cents) else np.zeros(len(spectrum.eta_squared))
     by_poisson = _by_poisson(spectrum, material.poisson_ratio)
     by_wall = _by_wall(spectrum, material.poisson_ratio, boundary, wall)
+    frequencies = np.sqrt(spectrum.eta_squared) * to_hz
+    outside = Boundary(solid, spectrum.space, length)
+    shapes = spectrum.vectors / np.sqrt(material.density_kg_m3 * length**3)
+    rates = radiation_dampings(
+        outside.surface, lambda face, place: outside.at(shapes, face, place), frequencies
+    )
     return SolvedBody(
         material=material,
-        frequencies_hz=np.sqrt(spectrum.eta_squared) * to_hz,
+        frequencies_hz=frequencies,
         error_cents=errors,
         by_poisson=by_poisson,
         by_wall=by_wall,
@@ -126,6 +136,7 @@ def body_of_solid(
         wall_m=wall * length,
         solve_s=solved - started,
         derivatives_s=time.process_time() - solved,
+        radiation_dampings_per_s=rates,
     )
 
 

@@ -28,6 +28,8 @@ FEWEST_PARTIALS, FEWEST_SHARE = 3, 0.5
 RANDOM_SETS = 40
 # A partial this far below the strongest weighs nothing, but for the least weight.
 WEIGHT_DB, LEAST_WEIGHT = 60.0, 0.1
+# Share of a decay that radiation may have for the rest to tell the material's.
+MOST_RADIATED = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class SoundFit:
     cents_before : (n,) of the same matches with the material as it was
     modes_hz : (m,) frequencies of the fit
     decays_per_s : (n,) of the matches; of a pair the mean of what is heard of it, weighted by amplitude
-    decay : the law through the decays of matched partials; None where too few are measured
+    decay : the law through the decays of matched partials less what their modes radiate; None where too few
+        are measured
     chance : largest share of partials, by weight, that random ones match
     """
 
@@ -115,10 +118,7 @@ def fit_body(
             "Is it the object of the mesh, at its true size?",
         )
     before = CENTS * np.log(partials.frequencies_hz[matching.partials] / body.frequencies_hz[matching.modes])
-    measured = matching.partials[partials.decay_is_measured[matching.partials]]
-    law = None
-    if len(measured) >= FEWEST_PARTIALS:
-        law = power_law(partials.frequencies_hz[measured], partials.decays_per_s[measured])
+    law = _law_of_material(partials, matching, body.radiation_dampings_per_s)
     nu = body.material.poisson_ratio
     cents, spread = solution.value("stiffness"), solution.deviation("stiffness")
     factor = float(np.exp(2 * cents / CENTS))
@@ -258,6 +258,18 @@ def _solve(
         covariance = np.full((len(names), len(names)), np.inf)
     final = match(partials.frequencies_hz, weights, modes_hz, alone_cents)
     return _Solution(names, values, covariance, PRIOR, final, modes_hz)
+
+
+def _law_of_material(
+    partials: Partials, matching: Matching, radiation_per_s: Floats | None
+) -> FittedLoss | None:
+    """Law through decays less what the air takes, of partials that lose most to something else."""
+    decays = partials.decays_per_s[matching.partials]
+    air = np.zeros(len(decays)) if radiation_per_s is None else radiation_per_s[matching.modes]
+    told = partials.decay_is_measured[matching.partials] & (air < MOST_RADIATED * decays)
+    if np.count_nonzero(told) < FEWEST_PARTIALS:
+        return None
+    return power_law(partials.frequencies_hz[matching.partials][told], (decays - air)[told])
 
 
 def _decays(partials: Partials, matching: Matching, modes_hz: Floats) -> Floats:

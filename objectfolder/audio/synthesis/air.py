@@ -1,11 +1,12 @@
 """From a moving surface to pressure at a listener, in the free field: models, said as such.
 
-What is heard of the modes. The power a vibrating surface radiates is rho c S sigma v^2, v the rms normal
-velocity, S the area and sigma the radiation efficiency (Fahy and Gardonio, "Sound and Structural Vibration",
-2007, section 3.1). Here it is spread evenly over directions, and sigma is that of a sphere of the same area
-moving in its quadrupole (n = 2): a solid's elastic motion keeps its momentum and nearly its volume, so a
-small body has neither monopole nor dipole. This is approximate: no directivity, no shape, phase that of the
-velocity.
+What is heard of the modes. Where the rates are known at which radiation damps them, that power, spread evenly
+over directions. Where they are not, a sphere's: the power a vibrating surface radiates is rho c S sigma v^2,
+v the rms normal velocity, S the area and sigma the radiation efficiency (Fahy and Gardonio, "Sound and
+Structural Vibration", 2007, section 3.1), and sigma is that of a sphere of the same area moving in its
+quadrupole (n = 2): a solid's elastic motion keeps its momentum and nearly its volume, so a small body has
+neither monopole nor dipole. An open shell radiates up to 12 dB less. Either is approximate: no directivity,
+phase that of the velocity.
 
 What is heard of the whole body. A body pushed by a force F accelerates by F / m, which sounds at once
 ("acceleration noise": Koss and Alfredson, J. Sound Vib. 27, 1973; Chadwick, Zheng and James, "Precomputed
@@ -107,6 +108,14 @@ class Listener:
         efficiency = quadrupole_efficiency(2 * np.pi * frequencies * self.radius_m / self.air.sound_speed_m_s)
         impedance = self.air.density_kg_m3 * self.air.sound_speed_m_s
         return np.asarray(impedance * self.radius_m * np.sqrt(efficiency) / self.distance_m)
+
+    def radiated_weights(self, radiation_dampings_per_s: Floats) -> Floats:
+        """Pascals (modes,) for a modal velocity of 1 (m/s kg^1/2) of modes that radiation damps at rates.
+
+        Such a mode has the energy 1/2 and radiates twice the rate times it, which is 2 pi r^2 p^2 / (rho c).
+        """
+        impedance = self.air.density_kg_m3 * self.air.sound_speed_m_s
+        return np.asarray(np.sqrt(impedance * radiation_dampings_per_s / (2 * np.pi)) / self.distance_m)
 
     def click_oscillator(self, sample_rate_hz: float) -> tuple[Oscillators, tuple[Floats, Floats]]:
         """Return the oscillator whose sound is the click, and the weights of g and g' in its pressure.

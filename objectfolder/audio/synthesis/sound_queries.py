@@ -424,4 +424,5 @@ class SoundQueries:
             rigid,
             (material["youngs_modulus_pa"], material["poisson_ratio"]) if material else None,
             net.transfer,
+            None if net.radiation_dampings_per_s is None else net.radiation_dampings_per_s[:modes],
         )

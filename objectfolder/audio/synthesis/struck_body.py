@@ -75,6 +75,7 @@ class StruckBody:
     rigid : mass and area, None where unknown: then nothing is heard at a listener
     elasticity : Young's modulus (Pa) and Poisson's ratio, None where unknown
     transfer : the way of each mode through the air, None where a model stands for it
+    radiation_dampings_per_s : (modes,) 1/s, what radiation has of the decays, None where it was not solved
     """
 
     eigenvalues: Floats
@@ -85,6 +86,7 @@ class StruckBody:
     rigid: RigidBody | None
     elasticity: tuple[float, float] | None
     transfer: AirTransfer | None = None
+    radiation_dampings_per_s: Floats | None = None
 
     def sounds(
         self,
@@ -248,12 +250,15 @@ class StruckBody:
             listener = Listener.at(position, self.rigid.centre_m, self.rigid.area_m2, Air())
             click, weights = listener.click_oscillator(sample_rate_hz)
             gains, delay = listener.click_gains(self.rigid.mass_kg), listener.delay_s
-            if self.transfer is None:
-                heard = still, listener.modal_weights(modes.frequencies_hz)
-                surface = Source(modes, heard, columns, self.radiation_weights, None, delay)
-            else:
+            if self.transfer is not None:
                 through = self.transfer.delayed(position, delay)[columns]
                 surface = self._through_air(through, modes, columns, delay)
+            elif self.radiation_dampings_per_s is not None:
+                heard = still, listener.radiated_weights(self.radiation_dampings_per_s[columns])
+                surface = Source(modes, heard, columns, np.ones(len(self.eigenvalues)), None, delay)
+            else:
+                heard = still, listener.modal_weights(modes.frequencies_hz)
+                surface = Source(modes, heard, columns, self.radiation_weights, None, delay)
             yield [
                 surface,
                 Source(click, weights, np.array([0]), None, gains, delay),

@@ -52,6 +52,7 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         wall_m=wanted.wall_m,
         shell_m=wanted.shell_m,
         damping=wanted.damping,
+        radiation=wanted.radiation,
         training_points=POINTS,
         held_out_points=POINTS,
         seed=wanted.seed,
@@ -70,6 +71,9 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         "material": material.name,
         "damping": modes.attributes["damping"],
         **_ringing(modes["frequencies_hz"], modes["dampings_per_s"], modes["eigenvalues"]),
+        "radiation_dampings_per_s": _listed(
+            modes["radiation_dampings_per_s"] if "radiation_dampings_per_s" in modes.arrays else None
+        ),
         "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
         **{name: modes.attributes[name] for name in said},
@@ -91,12 +95,17 @@ def _ringing(
     }
 
 
+def _listed(values: np.ndarray | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
 def _stored_modes(file: ObjectFile) -> dict[str, Any]:
     said = file.description
     return {
         "material": said["material"]["name"] if said["material"] else "unknown material",
         "damping": file.modes.damping,
         **_ringing(file.modes.frequencies_hz, file.modes.dampings_per_s, file.modes.eigenvalues),
+        "radiation_dampings_per_s": _listed(file.modes.radiation_dampings_per_s),
         "frequency_limit_hz": said["audio"]["frequency_limit_hz"],
         "error_estimate_cents": ((said["fidelity"] or {}).get("audio") or {}).get(
             "solver_error_estimate_cents"
@@ -123,10 +132,11 @@ def _cell(name: str, value: float) -> str:
     return f"{value:.2g}" if name == "loss_factors" else f"{value:.2f}"
 
 
-def _damping_line(stated: dict[str, Any]) -> str:
+def _damping_line(stated: dict[str, Any], radiation: list[float] | None) -> str:
     numbers = ", ".join(f"{name} {value:g}" for name, value in stated.items() if name != "law")
     law = "eta(f) of its material" if stated["law"] == LOSS_FACTOR else "Rayleigh's law"
-    return f"damping: {law}" + (f" ({numbers})" if numbers else "")
+    air = "" if radiation is None else ", and what each mode radiates"
+    return f"damping: {law}" + (f" ({numbers})" if numbers else "") + air
 
 
 def modes_table(result: dict[str, Any]) -> str:
@@ -137,7 +147,7 @@ def modes_table(result: dict[str, Any]) -> str:
         columns = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
         shown = {name: result[name] for name in columns if name in result}
         lines += _columns(shown)
-    lines.append(_damping_line(result["damping"]))
+    lines.append(_damping_line(result["damping"], result["radiation_dampings_per_s"]))
     if "count_certificate" not in result:
         cents = result["error_estimate_cents"]
         return "\n".join([*lines, f"error: {'unknown' if cents is None else f'about {cents:.1f} cents'}"])

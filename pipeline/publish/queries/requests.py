@@ -164,6 +164,8 @@ class ModesOfMesh:
         wall of a vessel that was scanned solid, metres
     damping
         law of the dampings: loss_factor, or rayleigh as in the papers
+    radiation
+        solved: dampings have what the air takes, or sphere: they are the material's alone
     seed
         of the points
     """
@@ -177,6 +179,7 @@ class ModesOfMesh:
     wall_m: float | None = None
     shell_m: float | None = None
     damping: Literal["loss_factor", "rayleigh"] = "loss_factor"
+    radiation: Literal["solved", "sphere"] = "solved"
     seed: int = 0
 
 
