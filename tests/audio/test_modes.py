@@ -11,6 +11,7 @@ from solved_bodies import CELLS_BAR_M, CELLS_LIMIT_HZ, UNDAMPED, bar_of_cells, m
 from structured_solids import box, material
 
 from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.audio.modes.product_arrays import accuracy_attributes
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.surface.surface import Surface
 
@@ -270,3 +271,14 @@ def test_the_wall_that_a_solid_lost_is_stated_in_cents() -> None:
     wall_m = 2 * (0.1 * 0.1 * 0.005) / (2 * 0.1 * 0.1 + 4 * 0.1 * 0.005)
     stated = 1200 * (-np.log2(0.98) + np.log2(1 + 2e-7 / wall_m))
     assert attributes["geometry_error_estimate_cents"] == pytest.approx(stated, rel=1e-9)
+
+
+def test_the_geometry_counts_in_whether_an_accuracy_was_reached() -> None:
+    """What is stated is mostly more than the error: the worst is judged by half of it."""
+    errors = np.array([1.0, 3.0])
+    near, far = (accuracy_attributes(5.0, errors, geometry) for geometry in (6.0, 8.0))
+    assert near["accuracy_reached"]
+    assert near["warnings"] == []
+    assert far["accuracy_reached"] is False
+    assert "11.0 may be left in 2 of 2 modes" in far["warnings"][0]
+    assert accuracy_attributes(5.0, np.zeros(0), None)["accuracy_reached"] is None

@@ -227,7 +227,9 @@ def modes_of_solid(
     attributes["damping"] = describe_damping(decay)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
     attributes["count_certificate"].update(near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
-    attributes.update(accuracy_attributes(accuracy_cents, spectrum.error_cents))
+    attributes.update(
+        accuracy_attributes(accuracy_cents, spectrum.error_cents, attributes["geometry_error_estimate_cents"])
+    )
     attributes["warnings"] += shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
     if described:
