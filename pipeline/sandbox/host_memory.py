@@ -10,7 +10,7 @@ UNLIMITED = 1 << 60  # version 1 of control groups writes a number near 2**63 wh
 
 
 class _Group(NamedTuple):
-    """Files of a control group with a limit."""
+    """Files of a control group."""
 
     limit: Path
     used: Path
@@ -48,9 +48,13 @@ def available_bytes() -> int:
 
 
 def out_of_memory_kills() -> int:
-    """Return how often the kernel has killed a process for want of memory, here and in this group."""
-    groups = sum(_entry(group.events, "oom_kill") for group in _groups())
-    return _entry(Path("/proc/vmstat"), "oom_kill") + groups
+    """Return how often the kernel killed a process of this process's own control group for want of memory.
+
+    A group counts its own that die, be it the group or the whole host that runs out. What dies elsewhere on
+    the host says nothing of a task here, so its count is not asked: 0 where no group counts.
+    """
+    counted = (group for group in _all_groups() if group.events.is_file())
+    return next((_entry(group.events, "oom_kill") for group in counted), 0)
 
 
 @functools.cache

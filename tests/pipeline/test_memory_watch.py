@@ -139,16 +139,26 @@ def test_a_control_group_counts_where_it_is_smaller_than_the_host(tmp_path, monk
         ("memory.max", "1000000000\n"),
         ("memory.current", "700000000\n"),
         ("memory.stat", "anon 500000000\ninactive_file 150000000\n"),
-        ("memory.events", "low 0\noom 2\noom_kill 2\n"),
     ):
         (tmp_path / name).write_text(text)
     names = [tmp_path / name for name in ("memory.max", "memory.current", "memory.stat", "memory.events")]
-    before = host_memory.out_of_memory_kills()
     group = host_memory._Group(*names, "inactive_file")
     monkeypatch.setattr(host_memory, "_groups", lambda: (group,))
     assert host_memory.total_bytes() == 1_000_000_000
     assert host_memory.available_bytes() == 450_000_000
-    assert host_memory.out_of_memory_kills() == before + 2
+
+
+def test_only_kills_in_the_own_control_group_count_as_out_of_memory(tmp_path, monkeypatch):
+    """Not those of the host, nor of a group around it, where another's process may have died."""
+    groups = []
+    for name, kills in (("own", 2), ("outer", 7)):
+        (tmp_path / name).write_text(f"low 0\noom {kills}\noom_kill {kills}\n")
+        none = tmp_path / "none"
+        groups.append(host_memory._Group(none, none, none, tmp_path / name, ""))
+    monkeypatch.setattr(host_memory, "_all_groups", lambda: iter(groups))
+    assert host_memory.out_of_memory_kills() == 2
+    monkeypatch.setattr(host_memory, "_all_groups", lambda: iter([]))
+    assert host_memory.out_of_memory_kills() == 0
 
 
 GROUPED = """
