@@ -2,12 +2,14 @@
 
 import contextlib
 import hashlib
+import heapq
 import itertools
 import math
 import os
 import queue
 import secrets
 from asyncio import CancelledError
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -33,6 +35,9 @@ from pipeline.store.storage import STORE, Store
 MOST_KILLS = 2  # of a task's own process, after which it fails
 MOST_DAMAGED = 3  # copies of a product in the store, after which its task fails
 RESULT_S = 30.0  # within which a result of a few bytes arrives
+# Tasks that Dask has at once of those that need the same pools. Others wait here, so that a scheduler with a
+# hundred thousand tasks to come stays small, and what turns out to be urgent does not queue behind them.
+TASKS_A_THREAD, FEWEST_TASKS = 4, 1000
 TRANSFERS = 8  # tasks whose files are on their way to or from the store at once
 FEWER = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
 
@@ -55,6 +60,7 @@ class _Task:
     step: Any = None  # the future of what happens to it now
 
 
+Needs = frozenset[str]
 Then = Callable[[_Task], Finished | None]  # what follows the end of a step
 
 
@@ -87,7 +93,11 @@ class DaskRunner:
         self._plugin = Admission(name, wanted, str(root), str(self._marker), folder_needed, place.memory_gb)
         self._workers = Workers(client, name, place.worker_limit_s, place.pools_within_s)
         self._numbers = itertools.count()
-        self._tasks: set[_Task] = set()
+        self._tasks: set[_Task] = set()  # those that have begun
+        self._waiting: dict[Needs, list[tuple[float, int, _Task]]] = defaultdict(list)  # heaps, urgent first
+        self._begun: Counter[Needs] = Counter()
+        self._most: dict[Needs, int] = {}  # tasks that may have begun, since the last look at the workers
+        self._largest: dict[Needs, int] = {}  # bytes of the largest worker at the last look
         self._suspects: list[_Task] = []  # they run one at a time, after all others
         self._ended: queue.SimpleQueue[tuple[_Task, Any, Then]] = queue.SimpleQueue()
         self._transfers = ThreadPoolExecutor(TRANSFERS, thread_name_prefix="store")
@@ -113,8 +123,10 @@ class DaskRunner:
         self._marker.unlink(missing_ok=True)
 
     def submit(self, job: Job) -> None:
-        """Accept a job; the scheduler runs those with the longest chain behind them first."""
-        self._begin(_Task(job, job.memory_bytes))
+        """Accept a job; those with the longest chain behind them run first."""
+        entry = (-job.priority, next(self._numbers), _Task(job, job.memory_bytes))
+        heapq.heappush(self._waiting[job.needs], entry)
+        self._begin_waiting()
 
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         """Yield jobs as they end (see `pipeline.dataset.job.Runner`).
@@ -124,7 +136,7 @@ class DaskRunner:
         workers, running there or waiting. These run one by one after all others, so that only the one that
         kills its worker fails.
         """
-        while self._tasks or self._suspects:
+        while self._begin_waiting() or self._tasks or self._suspects:
             if not self._tasks:
                 self._begin(self._suspects.pop())
             if self._workers.look():
@@ -139,8 +151,28 @@ class DaskRunner:
         """Return the CPU seconds of this process's children so far; None where workers are not among them."""
         return cpu_seconds(os.getpid()) if self._is_here else None
 
+    def _begin_waiting(self) -> bool:
+        """Hand the most urgent tasks that wait here to Dask, as far as it takes them; return whether any."""
+        begun = False
+        for needs, tasks in self._waiting.items():
+            if needs not in self._most:
+                threads = self._workers.threads_that_offer(needs)
+                self._most[needs] = max(FEWEST_TASKS, TASKS_A_THREAD * threads)
+            while tasks and self._begun[needs] < self._most[needs]:
+                self._begin(heapq.heappop(tasks)[-1])
+                begun = True
+        return begun
+
     def _begin(self, task: _Task) -> None:
         self._tasks.add(task)
+        self._begun[task.job.needs] += 1
+        self._transfer_or_send(task)
+
+    def _end(self, task: _Task) -> None:
+        self._tasks.remove(task)
+        self._begun[task.job.needs] -= 1
+
+    def _transfer_or_send(self, task: _Task) -> None:
         if self._store is None or task.shipment is not None:
             self._send(task)
         else:
@@ -222,7 +254,7 @@ class DaskRunner:
         if task.suspected:
             return self._finish(task, failed(task.job, f"workers died under it ({error})", FEWER))
         task.suspected = True
-        self._tasks.remove(task)
+        self._end(task)
         self._suspects.append(task)
         return None
 
@@ -241,7 +273,7 @@ class DaskRunner:
         if self._store is None:
             self._store = Store(os.environ[STORE])
             self._store.check()
-        self._begin(task)
+        self._transfer_or_send(task)
         return None
 
     def _after_collecting(self, task: _Task) -> Finished | None:
@@ -257,18 +289,31 @@ class DaskRunner:
 
     def _review(self) -> Iterator[Finished]:
         """Send tasks again that ask for more memory than any worker has; end those that no worker can run."""
-        missing = {needs: self._workers.missing(needs) for needs in {task.job.needs for task in self._tasks}}
-        for task in list(self._tasks):
-            if all(missing.values()):  # those that can run run first
-                remedy = "Add workers that do (the place in cluster/ says what they offer)."
+        self._most.clear()
+        kinds = [needs for needs, count in self._begun.items() if count or self._waiting[needs]]
+        missing = {needs: self._workers.missing(needs) for needs in kinds}
+        if missing and all(missing.values()):  # those that can run run first
+            for needs in kinds:
+                tasks = [task for *_, task in self._waiting.pop(needs, ())]
+                self._tasks.update(tasks)
+                self._begun[needs] += len(tasks)
+            for task in list(self._tasks):
                 problem = f"no worker offers {missing[task.job.needs]}"
+                remedy = "Add workers that do (the place in cluster/ says what they offer)."
                 yield self._finish(task, failed(task.job, problem, remedy))
-            elif task.memory_bytes > self._workers.largest_bytes(task.job.needs):
+            return
+        largest = {needs: self._workers.largest_bytes(needs) for needs in kinds}
+        if largest == self._largest:
+            return
+        self._largest = largest
+        for task in list(self._tasks):
+            is_sent = hasattr(task.step, "release")  # else its files are on their way
+            if is_sent and task.memory_bytes > largest[task.job.needs]:
                 task.step.release()
                 self._send(task)
 
     def _finish(self, task: _Task, outcome: Outcome) -> Finished:
-        self._tasks.remove(task)
+        self._end(task)
         worker, host = (task.answer.worker, task.answer.host) if task.answer else ("", "")
         return Finished(task.job, outcome, worker, host, max(1, task.tries))
 

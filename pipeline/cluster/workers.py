@@ -83,6 +83,10 @@ class Workers:
         """Return the memory of the largest worker that offers `needs`; `UNKNOWN_BYTES` without any."""
         return max((int(one[MEMORY_BYTES]) for one in self._able(needs)), default=UNKNOWN_BYTES)
 
+    def threads_that_offer(self, needs: Collection[str]) -> int:
+        """Return the threads of all workers that offer `needs`."""
+        return sum(int(worker[self.name]) for worker in self._able(needs))
+
     def missing(self, needs: Collection[str]) -> str:
         """Return what no worker offers, though workers are there and others were waited for; else nothing."""
         if not self._admitted or self._able(needs):

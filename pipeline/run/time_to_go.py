@@ -19,6 +19,9 @@ LEAST = 0.05  # of what a task has used, that it goes on to use at least
 TAIL = 0.25  # of what a task has used beyond what was expected, that it goes on to use, too
 WINDOW_S = 120.0  # of the past, whose pace is that of the future
 PRIOR_S = 2.0  # at full pace, that count as seen before a run begins
+# With more tasks left, only sums are looked at: the work shared evenly is what takes longest then, and the
+# chains of a hundred thousand objects take seconds to add up.
+MOST_CHAINED = 10_000
 
 
 class CpuClock:
@@ -91,22 +94,25 @@ class TimeToGo:
     def __init__(self, stages: Mapping[str, Sequence[str]], clock: CpuClock) -> None:
         self._stages, self._clock = stages, clock
         self._left: dict[str, dict[str, float]] = {stage: {} for stage in stages}  # object to CPU seconds
+        self._left_s = dict.fromkeys(stages, 0.0)  # their sums
         self._expected, self._used = dict.fromkeys(stages, 0.0), dict.fromkeys(stages, 0.0)  # ended tasks
         self._waiting: list[Task] = []  # tasks that can begin, as a heap
         self._since: dict[Task, float] = {}  # tasks that seem to run, to when they began: workers do not say
 
     def expect(self, stage: str, object_id: str, cpu_s: float) -> None:
         """Count a task that is expected to need `cpu_s`."""
+        self._left_s[stage] += cpu_s - self._left[stage].get(object_id, 0.0)
         self._left[stage][object_id] = cpu_s
 
     def submit(self, stage: str, object_id: str, cpu_s: float, priority: float) -> None:
         """Note that a task can begin, which is now expected to need `cpu_s`."""
-        self._left[stage][object_id] = cpu_s
+        self.expect(stage, object_id, cpu_s)
         heapq.heappush(self._waiting, (-priority, stage, object_id))
 
     def settle(self, stage: str, object_id: str, cpu_s: float, wall_s: float) -> None:
         """Note that a task ended, with what it used; 0 where none ran."""
         expected = self._left[stage].pop(object_id, 0.0)
+        self._left_s[stage] -= expected
         if cpu_s <= 0:
             return
         self._clock.end(cpu_s, wall_s)
@@ -135,10 +141,15 @@ class TimeToGo:
 
         No schedule is faster than the work shared evenly, or than the chain of an object that ends last.
         """
-        left = self._cpu_seconds_left()
-        work_s = sum(sum(own.values()) for own in left.values())
         running_s = sum(self._clock.now_s - since for since in self._since.values())
-        last_s = _last_end_s(self._chains(left), max(1, workers))
+        if sum(map(len, self._left.values())) > MOST_CHAINED:
+            ratios = self._ratios()
+            work_s = sum(ratio * self._left_s[stage] for stage, ratio in ratios.items())
+            work_s, last_s = max(0.0, work_s - running_s), 0.0
+        else:
+            left = self._cpu_seconds_left()
+            work_s = sum(sum(own.values()) for own in left.values())
+            last_s = _last_end_s(self._chains(left), max(1, workers))
         to_go_s = max(work_s / max(1, workers), last_s) / self._clock.pace()
         return to_go_s, work_s, sum(self._used.values()) + running_s
 
@@ -162,17 +173,24 @@ class TimeToGo:
                 chains[name] = max(end, chains.get(name, end))
         return list(chains.values())
 
-    def _cpu_seconds_left(self) -> dict[str, dict[str, float]]:
-        """Return the CPU seconds left of each task by stage and object, at the ratio of those that ended."""
-        expected = {name: sum(own.values()) + self._expected[name] for name, own in self._left.items()}
+    def _ratios(self) -> dict[str, float]:
+        """Return the CPU seconds that a task of each stage needs over those expected, by those that ended."""
+        expected = {stage: self._left_s[stage] + self._expected[stage] for stage in self._left}
         prior = PRIOR * sum(expected.values())
         usual = (sum(self._used.values()) + prior) / ((sum(self._expected.values()) + prior) or 1.0)
-        left = {}
-        for stage, own in self._left.items():
+        ratios = {}
+        for stage in self._left:
             # The fewer tasks of a stage ended, the more those of all count.
             prior = PRIOR * expected[stage]
-            ratio = (self._used[stage] + prior * usual) / ((self._expected[stage] + prior) or 1.0)
-            left[stage] = {name: ratio * cpu_s for name, cpu_s in own.items()}
+            ratios[stage] = (self._used[stage] + prior * usual) / ((self._expected[stage] + prior) or 1.0)
+        return ratios
+
+    def _cpu_seconds_left(self) -> dict[str, dict[str, float]]:
+        """Return the CPU seconds left of each task by stage and object, at the ratio of those that ended."""
+        left = {
+            stage: {name: ratio * cpu_s for name, cpu_s in self._left[stage].items()}
+            for stage, ratio in self._ratios().items()
+        }
         for (_, stage, name), since in self._since.items():
             used = self._clock.now_s - since
             late = used - left[stage].get(name, 0.0)
