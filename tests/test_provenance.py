@@ -1,5 +1,6 @@
 """Fingerprints name causes: they move with what decides a number, and with nothing else."""
 
+import json
 import sys
 
 import pytest
@@ -11,6 +12,7 @@ from objectfolder.products.provenance import (
     canonical_json,
     code_identity,
     fingerprint,
+    json_lines,
     package_versions,
     seed_from,
 )
@@ -113,3 +115,18 @@ def test_a_module_run_by_name_counts(package):
     name, folder = package
     (folder / "lazy.py").write_text(f"COMMAND = ['python', '-m', '{name}.stranger']\n")
     assert f"{name}.stranger" in code_identity(f"{name}.task")
+
+
+def test_lines_of_json_are_those_of_the_standard_encoder():
+    value = {
+        "objects": {"mug": {"senses": ["sight", "é"], "wall": None}, "cup": {}},
+        "refused": [],
+        "n": [1.5],
+    }
+    assert json_lines(value, 9) == json.dumps(value, indent=1, ensure_ascii=False)
+    for levels in range(4):
+        assert json.loads(json_lines(value, levels)) == value
+    mug = '  "mug": {"senses": ["sight", "é"], "wall": null},'
+    assert mug in json_lines(value, 2).splitlines()
+    with pytest.raises(ValueError, match="JSON compliant"):
+        json_lines({"loss": float("nan")}, 1)

@@ -71,7 +71,7 @@ def prepare_object(request):
         "area_m2": 0.0065,
         "wall_thickness": {"effective_m": 0.0017, "median_m": 0.0022, "thin_m": 0.0015},
     }
-    return product(CHUNKS, {**measures, "more": "x" * BYTES})
+    return product(CHUNKS, {**measures, "warnings": [], "more": "x" * BYTES})
 """,
     "views": """
 def render_views(request):
@@ -79,7 +79,7 @@ def render_views(request):
 """,
     "modes": """
 def compute_modes(request):
-    return product(CHUNKS, {"more": "x" * BYTES})
+    return product(CHUNKS, {"warnings": [], "more": "x" * BYTES})
 """,
     "touches": """
 def press_sensor(request):

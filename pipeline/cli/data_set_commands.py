@@ -169,13 +169,14 @@ def status(*, json: Json = False, root: Root = Path(".")) -> int:
 
     The exit status is 1 where a run has something to do.
     """
+    from objectfolder.products.provenance import json_lines
     from pipeline.run.exclusive import owner
     from pipeline.run.status import CURRENT, table
     from pipeline.run.status import status as states
 
     found = states(root.absolute())
     if json:
-        print(json_text.dumps([asdict(one) for one in found], indent=1))
+        print(json_lines([entry.as_mapping() for entry in found], 1))
     else:
         running = owner(root.absolute())
         print(f"in use by {running}\n\n{table(found)}" if running else table(found))

@@ -5,11 +5,12 @@
 products hang on these. Both are functions of the products alone: they hold no times and no hosts.
 """
 
+import contextlib
 import csv
 import io
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError
@@ -51,15 +52,14 @@ def list_products(root: Path, stages: Iterable[Stage], verified: Verified) -> li
     entries = []
     for stage in stages:
         for kind in stage.products:
-            for object_id in kind.object_ids(root):
-                path = kind.path(root, object_id)
-                try:
+            paths = {object_id: kind.path(root, object_id) for object_id in kind.object_ids(root)}
+            verified.hash_products(paths.values())
+            for object_id, path in paths.items():
+                with contextlib.suppress(FormatError, FileNotFoundError):
                     made_from = verified.attributes(path, (FINGERPRINT,))[FINGERPRINT]
-                    md5, size = verified.md5(path), path.stat().st_size
-                except (FormatError, FileNotFoundError):
-                    continue
-                where = path.relative_to(root).as_posix()
-                entries.append(Entry(object_id, stage.name, where, made_from, md5, size))
+                    content = verified.md5_and_size(path)
+                    where = f"{kind.folder}/{path.name}"
+                    entries.append(Entry(object_id, stage.name, where, made_from, *content))
     return entries
 
 
@@ -129,7 +129,7 @@ def is_listed(root: Path, stage: Stage, entries: Mapping[str, Entry], verified: 
 def _summary(entries: Sequence[Entry]) -> dict[str, str | int]:
     """Return what the stages of ``dvc.yaml`` hang on."""
     made = [entry for entry in entries if entry.path]
-    lines = [asdict(entry) for entry in sorted(entries, key=_order)]
+    lines = [vars(entry) for entry in sorted(entries, key=_order)]
     return {
         "digest": fingerprint({"entries": lines})[:32],
         "products": len(made),
@@ -140,9 +140,9 @@ def _summary(entries: Sequence[Entry]) -> dict[str, str | int]:
 
 def _write_entries(root: Path, entries: Iterable[Entry]) -> None:
     text = io.StringIO()
-    writer = csv.DictWriter(text, [field.name for field in fields(Entry)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(entry) for entry in sorted(entries, key=_order))
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(field.name for field in fields(Entry))
+    writer.writerows(vars(entry).values() for entry in sorted(entries, key=_order))
     write_whole(root / PRODUCTS, text.getvalue())
 
 

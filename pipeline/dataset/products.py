@@ -1,6 +1,7 @@
 """Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
 
 import hashlib
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,7 @@ class ProductKind:
 
     def path(self, root: Path, object_id: str) -> Path:
         """Return the path of the product of an object."""
-        return root / self.folder / f"{object_id}{self.suffix}"
+        return root / f"{self.folder}/{object_id}{self.suffix}"
 
     def object_ids(self, root: Path) -> list[str]:
         """Return the ids that have a file, whole or not."""
@@ -126,9 +127,10 @@ def md5_of(path: Path) -> str:
         return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 
-def kind_name(path: Path) -> str:
+def kind_name(path: Path | str) -> str:
     """Return the name of a product without its object: kind and suffix."""
-    return f"{path.parent.name}{TENSORS if path.name.endswith(TENSORS) else ZARR}"
+    folder, name = os.path.split(path)
+    return f"{os.path.basename(folder)}{TENSORS if name.endswith(TENSORS) else ZARR}"
 
 
 def check(path: Path, fingerprint: str) -> None:

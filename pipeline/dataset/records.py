@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
+from objectfolder.products.provenance import json_lines
 from pipeline.dataset.task import Failure, failure_of
 
 # Stages after the first need neither tables nor meshes, and start sooner without.
@@ -100,7 +101,7 @@ def write_records(root: Path, records: Records) -> None:
         },
         "refused": [asdict(failure) for failure in records.refused],
     }
-    write_whole(root / RECORDS, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    write_whole(root / RECORDS, json_lines(content, 2) + "\n")
 
 
 def read_records(root: Path) -> Records:

@@ -10,7 +10,8 @@ import functools
 import operator
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,7 +83,9 @@ class Verified:
         FormatError
             A file that cannot be read, or lacks one of them.
         """
-        entry = self._product(path)
+        return self._attributes(self._product(path), path, names)
+
+    def _attributes(self, entry: _Product, path: Path, names: Sequence[str]) -> dict[str, Any]:
         known = entry.attributes
         if not known.keys() >= set(names):
             found = products.read_description(path)
@@ -97,9 +100,9 @@ class Verified:
     def holds(self, path: Path, fingerprint: str) -> bool:
         """Whether `path` is a whole product with this fingerprint."""
         try:
-            if self.attributes(path, (FINGERPRINT,))[FINGERPRINT] != fingerprint:
-                return False
             entry = self._product(path)
+            if self._attributes(entry, path, (FINGERPRINT,))[FINGERPRINT] != fingerprint:
+                return False
             if not entry.whole:
                 products.verify(path)
                 entry.whole = self._changed = True
@@ -115,11 +118,26 @@ class Verified:
         FileNotFoundError
             There is no product.
         """
+        return self.md5_and_size(path)[0]
+
+    def md5_and_size(self, path: Path) -> tuple[str, int]:
+        """Return the MD5 of a product's bytes, and their number; raises as `md5` does."""
         entry = self._product(path)
         if not entry.md5:
             entry.md5 = products.md5_of(path)
             self._changed = True
-        return entry.md5
+        return entry.md5, entry.state[0]
+
+    def hash_products(self, paths: Iterable[Path]) -> None:
+        """Read those of these products whose MD5 is not known, several at once; some may be absent."""
+        unknown = []
+        for path in paths:
+            with contextlib.suppress(FileNotFoundError):
+                if not self._product(path).md5:
+                    unknown.append(path)
+        if unknown:
+            with ThreadPoolExecutor() as pool:
+                list(pool.map(self.md5, unknown))
 
     def add(self, path: Path, fingerprint: str) -> None:
         """Note a product with this fingerprint as checked."""

@@ -64,6 +64,7 @@ def converge(
     runner_for: RunnerFor,
     refused: Sequence[FailedObject] = (),
     others: Collection[str] = (),
+    verified: Verified | None = None,
 ) -> list[Summary]:
     """Make, keep and remove products until those of `stages` are what the inputs ask for.
 
@@ -83,6 +84,8 @@ def converge(
         Objects that were refused before the first stage; they count as its failures.
     others
         Listed objects that are not asked for now: their products stay as they are.
+    verified
+        What is known of products and sources in `root`; read from there if it is not given.
 
     Returns
     -------
@@ -95,7 +98,10 @@ def converge(
         Nobody can run tasks any more, or the disk is full. What is finished stays finished.
     """
     removed = {stage.name: _tidy(stage, root, {*rows, *others}) for stage in stages}
-    verified, progress = Verified(root), FlowProgress({one.name: sorted(one.follows) for one in stages})
+    verified, progress = (
+        verified or Verified(root),
+        FlowProgress({one.name: sorted(one.follows) for one in stages}),
+    )
     flow = Flow(stages, root, parameters, rows, verified, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
@@ -181,8 +187,8 @@ def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
 
 def _summary(stage: str, flow: Flow, removed: tuple[str, ...], refused: Sequence[FailedObject]) -> Summary:
     kept, restored, computed = (
-        tuple(object_id for object_id, one in flow.outcomes[stage].items() if one == outcome)
+        tuple(sorted(object_id for object_id, other in flow.outcomes[stage].items() if other == outcome))
         for outcome in (KEPT, RESTORED, COMPUTED)
     )
     failures = (*refused, *flow.failures[stage])
-    return Summary(stage, kept, restored, tuple(sorted(computed)), removed, failures)
+    return Summary(stage, kept, restored, computed, removed, failures)

@@ -141,8 +141,10 @@ def compact(root: Path) -> None:
 
 
 def _cost(row: Mapping[str, str | None]) -> Cost:
+    cut = None in row.values()  # by a kill
+
     def measured(name: str) -> float | None:
-        return None if None in row.values() else number(row.get(name))  # None: a kill cut the line short
+        return None if cut else number(row.get(name))
 
     return Cost(
         row["object"] or "",
@@ -160,8 +162,10 @@ def _cost(row: Mapping[str, str | None]) -> Cost:
 
 def number(text: str | None) -> float | None:
     """Return a number that can have been measured, None for anything else."""
+    if not text:
+        return None
     try:
-        value = float(text or "")
+        value = float(text)
     except ValueError:
         return None
     return value if 0 <= value < LARGEST else None

@@ -26,6 +26,7 @@ def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verifi
         Their paths, from the root on.
     """
     damaged, cache = [], ProductCache(root)
+    verified.hash_products(root / where for where in entries)
     for where, entry in entries.items():
         path = root / where
         try:

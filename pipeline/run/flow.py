@@ -1,7 +1,9 @@
 """The state of each object in each stage, and which tasks can run as their inputs are made."""
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from pipeline.run.forecast.estimates import Estimates
 
 OnSettled = Callable[[str, str, str, float, float], None]
+LOOKUPS = 16  # of products in DVC's cache or a shared store at once
 KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
 
 
@@ -53,10 +56,17 @@ class Flow:
         self.failures: dict[str, list[FailedObject]] = {name: [] for name in self._stages}
         self._fingerprints: dict[str, dict[str, str]] = {name: {} for name in self._stages}
         self._running: set[tuple[str, str]] = set()
+        self._lock = threading.Lock()  # of the estimates
+        # At first, objects whose products must be looked up in caches and stores: many at once, afterwards.
+        self._delayed: dict[str, None] | None = {}
 
     def begin(self) -> list[Job]:
         """Settle what needs no work, and return the jobs whose inputs are there."""
-        return [job for object_id in self._rows for job in self._advance(object_id)]
+        for object_id in self._rows:
+            self._advance(object_id)  # settles what is there, and delays what is not
+        delayed, self._delayed = self._delayed or {}, None
+        with ThreadPoolExecutor(LOOKUPS, thread_name_prefix="look-up") as pool:
+            return [job for jobs in pool.map(self._advance, delayed) for job in jobs]
 
     def done(self, finished: Finished) -> list[Job]:
         """Note how a job ended, and return the jobs whose inputs are there now."""
@@ -113,6 +123,9 @@ class Flow:
         if all(self._verified.holds(path, wanted) for path in targets):
             self._settle(stage.name, object_id, KEPT)
             return None
+        if self._delayed is not None:
+            self._delayed[object_id] = None
+            return None
         if self._cache.restore(wanted, targets):
             for path in targets:
                 self._verified.add(path, wanted)
@@ -125,7 +138,8 @@ class Flow:
             }
             state = self._root / STATE
             call = Call(stage.name, stage.task, prepared.request, targets, wanted, provenance, state)
-            return self._job(stage, call, prepared)
+            with self._lock:
+                return self._job(stage, call, prepared)
         return None
 
     def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from objectfolder.errors import InputError
@@ -33,10 +34,12 @@ def write_inputs(root: Path) -> None:
     objects = read_parameters(root / PARAMETERS).objects
     records = read_table(root, dataclasses.replace(objects, only=()))
     verified = Verified(root)
-    digests = {
-        object_id: [_digest(stage, row, verified) for stage in STAGES.values() if stage.sources]
-        for object_id, row in records.rows.items()
-    }
+    stages = [stage for stage in STAGES.values() if stage.sources]
+    with ThreadPoolExecutor() as pool:  # files are hashed outside Python's lock
+        lists = pool.map(
+            lambda row: [_digest(stage, row, verified) for stage in stages], records.rows.values()
+        )
+        digests = dict(zip(records.rows, lists, strict=True))
     verified.save()
     write_records(root, records)
     write_whole(root / INPUTS, json.dumps(digests, indent=1) + "\n")

@@ -85,9 +85,7 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     verified, cache, listed = Verified(root), ProductCache(root), read_products(root)
     cache.add(listed.values())
     set_damaged_aside(root, listed, verified)
-    verified.save()
-    summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others)
-    verified = Verified(root)
+    summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others, verified)
     cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), verified))
     verified.save()
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):

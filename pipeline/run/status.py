@@ -7,7 +7,7 @@ a product is whole is for the next run to see, which reads changed ones through.
 import json
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,10 @@ class Status:
     differences: tuple[Reason, ...] = ()
     warnings: tuple[str, ...] = ()
     wanted: str = ""
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return what JSON takes; ``asdict`` copies each text."""
+        return {**vars(self), "differences": list(map(asdict, self.differences))}
 
 
 def status(

@@ -1,5 +1,6 @@
 """The stages of this project under DVC itself, in the situations of a data set's life; tasks cost nothing."""
 
+import copy
 import os
 import subprocess
 import sys
@@ -172,6 +173,7 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     assert f"does not list: {THIRD}" in capfd.readouterr().out
     assert {Path(path).name.partition(".")[0] for path in repository.products()} == {FIRST, SECOND}
     assert repository.status() == []
+    repository.run("dvc", "remote", "add", "-d", "store", str(tmp_path / "store"))
     repository.commit("v2")
 
     # An older version, checked out; back; what no commit needs goes from the cache.
@@ -187,6 +189,27 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     assert repository.products() == second
     assert repository.status() == []
 
+    # In a clone, `dvc pull` brings all, by hard links where it is told to. A product damaged in place is then
+    # damaged in DVC's cache, too, and made again.
+    repository.run("dvc", "push", "-q")
+    repository.run("git", "clone", "-q", str(root), str(tmp_path / "clone"))
+    clone = copy.copy(repository)
+    clone.root = tmp_path / "clone"
+    clone.run("dvc", "config", "--local", "cache.type", "hardlink")
+    clone.run("dvc", "pull", "-q")
+    assert clone.status() == []
+    assert clone.repro() == []
+    assert clone.products() == second
+    assert files_of(clone) == files_of(clone, ".dvc/cache/files/md5")
+    damaged = COLLISION.path(clone.root, FIRST)
+    damaged.chmod(0o644)
+    damaged.write_bytes(b"damaged")
+    damaged.chmod(0o444)
+    assert clone.repro() == [f"collision {FIRST}"]
+    assert clone.products() == second
+    assert clone.status() == []
+    assert files_of(clone) == files_of(clone, ".dvc/cache/files/md5")
+
     # DVC killed alone: no process of its run stays, and the next run does what is left.
     mesh = repository.mesh(FIRST).read_text()
     repository.mesh(FIRST).write_text("# slow\n" + mesh)
@@ -200,6 +223,15 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     assert repository.repro() == []
     assert repository.products() == second
     assert repository.status() == []
+
+
+def files_of(repository: Repository, folder: str = "") -> set[int]:
+    """Inodes of all products, or of those of their bytes that lie in a folder."""
+    paths = [repository.root / path for path in repository.products()]
+    if folder:
+        digests = map(md5_of, paths)
+        paths = [repository.root / folder / md5[:2] / md5[2:] for md5 in digests]
+    return {path.stat().st_ino for path in paths}
 
 
 def below(pid: int) -> list[psutil.Process]:

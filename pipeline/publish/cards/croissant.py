@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from objectfolder.products.provenance import json_lines
 from pipeline.publish.cards.published_data_set import LIMITS, SUMMARY, DataSet, PublishedObject
 
 CONTEXT = Path(__file__).parent / "template" / "croissant_context.json"  # the specification's
@@ -45,7 +46,7 @@ def croissant_text(data_set: DataSet, root: Path, folder: Path) -> str:
         "recordSet": [_objects(data_set), _object_files()] if objects else [],
     }
     stated = {key: value for key, value in metadata.items() if value}
-    return json.dumps(stated, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_lines(stated, 4) + "\n"
 
 
 def _some(values: Sequence[Any]) -> Any:

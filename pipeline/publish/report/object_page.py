@@ -31,7 +31,7 @@ SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
 OBJECTS = "objects"  # folder of the pages beside the first
-PLAYER = ".player.js"
+PAGE, PLAYER = ".html", ".player.js"
 # Arrays of the fidelity product that are files beside the page, by their suffixes.
 SHEETS = {
     "vision_sheet": ".views.webp",
@@ -76,16 +76,16 @@ class ObjectPage:
         """The products of the object."""
         return ObjectProducts(self.data, self.subject.stored_name)
 
-    @property
+    @cached_property
     def player(self) -> str:
         """Name of the script of its player's data beside the page; empty where there is no Object File."""
         object_id = self.subject.object_id
-        there = self.products.path(OBJECT_FILES.name).is_file() and SAFE_ID.fullmatch(object_id)
+        there = SAFE_ID.fullmatch(object_id) and self.products.path(OBJECT_FILES.name).is_file()
         return f"{object_id}{PLAYER}" if there else ""
 
     def beside(self, suffix: str) -> str:
         """Return the name of a file of `tile`."""
-        return str(Path(page_name(self.subject.object_id)).with_suffix(suffix))
+        return page_name(self.subject.object_id).removesuffix(PAGE) + suffix
 
     @cached_property
     def fingerprint(self) -> str:
@@ -155,8 +155,8 @@ class ObjectPage:
 def page_name(object_id: str) -> str:
     """Return the file name of an object's page; an id that is no file name is hashed."""
     if SAFE_ID.fullmatch(object_id):
-        return f"{object_id}.html"
-    return f"_{hashlib.sha256(object_id.encode()).hexdigest()[:16]}.html"
+        return f"{object_id}{PAGE}"
+    return f"_{hashlib.sha256(object_id.encode()).hexdigest()[:16]}{PAGE}"
 
 
 def shown_fingerprint(page: Path) -> tuple[str | None, bool]:

@@ -52,7 +52,7 @@ class ObjectProducts:
 
     def path(self, kind: str) -> Path:
         """Return the path of a product."""
-        return self._data / kind / f"{self._name}{SUFFIXES[kind]}"
+        return self._data / f"{kind}/{self._name}{SUFFIXES[kind]}"
 
     def digests(self, verified: Verified) -> dict[str, str]:
         """Return what each product holds as a hash; a product that is absent or unreadable says so."""

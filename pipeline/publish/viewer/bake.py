@@ -24,6 +24,7 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
 from objectfolder.vision.studio import STUDIOS
+from pipeline.publish.viewer import FORMAT
 
 # Gains are one byte each; this many keep an object's script within its budget.
 MOST_GAINS = 190_000
@@ -34,8 +35,6 @@ LIGHT_DIRECTIONS = 4
 USUAL_IMPULSE_N_S = 0.05
 PEAK_OF_FULL_SCALE = 0.33
 ARRAY_NAMES = {"int8": "Int8Array", "uint8": "Uint8Array", "int16": "Int16Array", "int32": "Int32Array"}
-# Raise it when what is stored changes: kept players of another format are made anew.
-FORMAT = 3
 NEARLY_WHITE = 250
 
 

@@ -10,10 +10,9 @@ import json
 from pathlib import Path
 
 from objectfolder.errors import InputError
-from objectfolder.object_file import ObjectFile
 from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import file_digest
-from pipeline.publish.viewer.bake import FORMAT, bake
+from pipeline.publish.viewer import FORMAT
 
 PAGE = Path(__file__).parent / "page"
 SHARED_SCRIPTS = (
@@ -67,6 +66,9 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
     if kept and kept.is_file():
         data = kept.read_bytes()
     else:
+        from objectfolder.object_file import ObjectFile  # with `bake`, most of what a report would import
+        from pipeline.publish.viewer.bake import bake
+
         header, arrays = bake(ObjectFile.load(object_file))
         data = f'{{"header": {_quoted(header)}, "data": "{base64.b64encode(arrays).decode()}"}}'.encode()
         if kept:
