@@ -1,11 +1,13 @@
 """The report of a data set: metrics, tables, pages and cards of the whole data set."""
 
 import json
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.products.atomic import write_whole
 from pipeline.dataset.failures import read_failures
+from pipeline.dataset.job import Runner
 from pipeline.dataset.measures import FULL_IMAGE, HEADLINE, number_at
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.croissant import croissant_text
@@ -26,8 +28,16 @@ SUMMARISED = {
 
 def make_report(root: Path) -> None:
     """Write the tables, the pages and the cards of the data set."""
+
+    def runner_for(pages: int) -> AbstractContextManager[Runner]:
+        from pipeline.cluster.cluster import runner
+        from pipeline.cluster.places import read_place
+
+        return runner(read_place(root), root, pages)
+
+    fidelity, reports = root / FIDELITY.folder, root / REPORTS
     with exclusive(root, "stage report"):
-        write_report(root / FIDELITY.folder, costs_path(root), root / REPORTS, read_failures(root))
+        write_report(fidelity, costs_path(root), reports, read_failures(root), runner_for=runner_for)
         write_cards(root, root / REPORTS)
     print(f"Report: {REPORTS}/index.html")
 

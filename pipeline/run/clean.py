@@ -131,6 +131,7 @@ def removable(root: Path) -> list[Removable]:
         entry("damaged products", "set aside and made again", (root / SET_ASIDE).glob("*/*")),
         entry("marks of runs", "left by a driver that was killed", (root / STATE).glob("shared-*")),
         entry("copies of products", "kept by earlier versions", (root / STATE).glob("memo")),
+        entry("files of pages", "left by a report that was killed", (root / STATE / "pages").glob("*")),
         entry("players", "drawn anew from Object Files for the next report", (root / PLAYERS).glob("*")),
     ]
 

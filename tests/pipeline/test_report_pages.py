@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from contextlib import AbstractContextManager
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,8 +17,13 @@ from objectfolder.products.store import Array, Product, read_product, write_prod
 from objectfolder.simulators.collision import ConvexParts
 from objectfolder.simulators.parts_product import absent_parts, parts_product
 from objectfolder.surface.surface import Surface
+from pipeline.cluster.cluster import runner
+from pipeline.cluster.places import Place
 from pipeline.dataset.failures import FailedObject
-from pipeline.publish.report.object_page import page_name, shown_fingerprint
+from pipeline.dataset.job import Runner
+from pipeline.publish.report import page_files
+from pipeline.publish.report.object_page import STRIKES, page_name, shown_fingerprint
+from pipeline.publish.report.page_files import RunnerFor
 from pipeline.publish.report.writing import write_report
 
 HOSTILE_FAILURE = FailedObject("broken", HOSTILE, HOSTILE, HOSTILE)
@@ -69,10 +76,11 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def report(root: Path) -> None:
+def report(root: Path, runner_for: RunnerFor | None = None) -> None:
     costs = write_costs(root / "costs.csv", ["mug"])
     own = FailedObject("mug", "views", HOSTILE, "Again.")
-    write_report(root / "data" / "fidelity", costs, root / "reports", [FAILURE, HOSTILE_FAILURE, own])
+    failures = [FAILURE, HOSTILE_FAILURE, own]
+    write_report(root / "data" / "fidelity", costs, root / "reports", failures, runner_for=runner_for)
 
 
 def pages_of(root: Path) -> list[Path]:
@@ -235,6 +243,33 @@ def test_a_page_cut_short_is_made_again(tmp_path: Path) -> None:
     assert shown_fingerprint(page) == (None, False)
     report(tmp_path)
     assert page.read_bytes() == whole
+
+
+def test_workers_draw_pages_as_the_driver_does_and_only_those_that_changed(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_files, "FEW_PAGES", 0)
+    counts: list[int] = []
+
+    def runner_for(count: int) -> AbstractContextManager[Runner]:
+        counts.append(count)
+        return runner(Place(), tmp_path, 1)
+
+    def files(folder: Path) -> dict[Path, bytes]:
+        paths = {path.relative_to(folder): path for path in (folder / "reports").rglob("*.*")}
+        # What is computed for sounds takes the instructions of its process.
+        return {
+            name: b"" if name.name.endswith(STRIKES) else path.read_bytes() for name, path in paths.items()
+        }
+
+    shutil.copytree(root / "data", tmp_path / "data")
+    report(tmp_path, runner_for)
+    assert files(tmp_path) == files(root)
+    assert not any((tmp_path / page_files.FOLDER).iterdir())
+    (tmp_path / "reports" / "objects" / "die.html").unlink()
+    report(tmp_path, runner_for)
+    assert counts == [4, 1]
+    assert files(tmp_path) == files(root)
 
 
 def test_an_id_that_is_no_file_name_gets_one(tmp_path: Path) -> None:

@@ -60,7 +60,8 @@ class ObjectPage:
     pairs
         Held-out queries of each sense, at most.
     verified
-        Knows the digests of products that have not changed since the last report.
+        Knows the digests of products that have not changed since the last report; None where the page's
+        fingerprint is not asked.
     """
 
     subject: MeasuredObject
@@ -69,7 +70,7 @@ class ObjectPage:
     next: str
     failures: Sequence[FailedObject]
     pairs: int
-    verified: Verified
+    verified: Verified | None
 
     @property
     def products(self) -> ObjectProducts:
@@ -91,6 +92,7 @@ class ObjectPage:
     def fingerprint(self) -> str:
         """A hash of all that the page is made from: products, costs, neighbours, code of reports."""
         subject = self.subject
+        assert self.verified is not None
         parts = {
             "products": self.products.digests(self.verified),
             "stages": [[stage, repr(subject.cost(stage))] for stage in subject.stages],

@@ -7,13 +7,11 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from objectfolder.errors import ObjectFolderError
-from objectfolder.products.atomic import atomic_write
+from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import canonical_json
-from pipeline.dataset.archives import REMEDY
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.products import PLAYERS
-from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
 from pipeline.publish.report.index_page import render_index
 from pipeline.publish.report.measured_objects import read_objects
@@ -25,7 +23,7 @@ from pipeline.publish.report.object_page import (
     page_name,
     shown_fingerprint,
 )
-from pipeline.publish.report.object_products import UNEXPECTED
+from pipeline.publish.report.page_files import RunnerFor, draw_pages
 from pipeline.publish.report.summary import metrics_text, object_table, speed_error_table, summaries
 from pipeline.run.costs import read_costs
 
@@ -40,6 +38,7 @@ def write_report(
     failures: Iterable[FailedObject] = (),
     *,
     pairs: int = PAIRS,
+    runner_for: RunnerFor | None = None,
 ) -> None:
     """Write metrics.json, per_object.csv, speed_error.csv, index.html and a page an object in ``objects/``.
 
@@ -58,6 +57,8 @@ def write_report(
         What the run before could not make.
     pairs
         Held-out queries of each sense that a page shows, at most.
+    runner_for
+        Who draws pages where many changed (see `pipeline.publish.report.page_files.draw_pages`).
 
     Raises
     ------
@@ -75,7 +76,9 @@ def write_report(
         ObjectPage(one, data, ids[place], ids[place + 2], own.get(one.object_id, ()), pairs, verified)
         for place, one in enumerate(objects)
     ]
-    paged, damaged = _write_pages(pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS)
+    paged, damaged = _write_pages(
+        pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS, runner_for
+    )
     verified.save()
     known += damaged
     texts = {
@@ -89,25 +92,35 @@ def write_report(
     if damaged or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
         texts["index.html"] = render_index(objects, known, paged, fingerprint)
     for name, text in texts.items():
-        with atomic_write(reports_folder / name) as file:
-            file.write(text.encode())
+        write_whole(reports_folder / name, text)
 
 
 def _write_pages(
-    pages: Iterable[ObjectPage], folder: Path, cache: Path
+    pages: Iterable[ObjectPage], folder: Path, cache: Path, runner_for: RunnerFor | None
 ) -> tuple[frozenset[str], list[FailedObject]]:
     """Write the files of pages, and remove others; return ids with a page, and why others have none."""
     paged, damaged = set(), []
     wanted: set[str] = set()
+    changed = []
     for page in pages:
+        if names := _current_files(page, folder):
+            wanted |= names
+            paged.add(page.subject.object_id)
+        else:
+            changed.append(page)
+    for page, files in draw_pages(changed, cache, runner_for):
         object_id = page.subject.object_id
-        try:
-            wanted |= _write_page(page, folder, cache)
-            paged.add(object_id)
-        except (ObjectFolderError, *UNEXPECTED) as error:
-            finding, remedy = _unexpected(error)
-            finding = f"{page.subject.stored_name}: {finding}"
-            damaged.append(FailedObject(object_id, "report", finding, remedy))
+        if isinstance(files, Failure):
+            finding = f"{page.subject.stored_name}: {files.error}"
+            damaged.append(FailedObject(object_id, "report", finding, files.remedy))
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        *beside, (name, text) = files.items()
+        for other, content in beside:
+            (folder / other).write_bytes(content)
+        write_whole(folder / name, text)  # the page, written last, says that all is there
+        wanted |= files.keys()
+        paged.add(object_id)
     if any(name.endswith(PLAYER) for name in wanted):
         from pipeline.publish.viewer.static import write_player_assets
 
@@ -115,40 +128,15 @@ def _write_pages(
     for path in folder.iterdir() if folder.is_dir() else []:
         if path.name not in wanted and path.is_file():
             path.unlink()
+    damaged.sort(key=lambda failure: failure.object)
     return frozenset(paged), damaged
 
 
-def _write_page(page: ObjectPage, folder: Path, cache: Path) -> set[str]:
-    """Write the files of a page where they are not there already; return their names."""
+def _current_files(page: ObjectPage, folder: Path) -> set[str]:
+    """Return the names of the files of a page, if they are there and show what is known; else none."""
     path = folder / page_name(page.subject.object_id)
-    files = {path.name, *map(page.beside, page.tile)}
-    fingerprint = page.fingerprint
     shown, has_player = shown_fingerprint(path)
-    player = page.player
-    kept = files | {player} if has_player else files
-    if shown == fingerprint and all((folder / name).exists() for name in kept):
-        return kept
-    findings: list[str] = []
-    if player:
-        from pipeline.publish.viewer.static import write_player
-
-        try:
-            object_file = page.products.path(OBJECT_FILES.name)
-            files.add(write_player(object_file, folder, page.subject.object_id, cache).name)
-        except (ObjectFolderError, *UNEXPECTED) as error:
-            player = ""
-            findings = [f"player: {_unexpected(error)[0]}"]
-    text, beside = page.render(fingerprint, player, findings)
-    folder.mkdir(parents=True, exist_ok=True)
-    for suffix, content in beside.items():
-        (folder / page.beside(suffix)).write_bytes(content)  # the page, written last, says that all is there
-    with atomic_write(path) as file:
-        file.write(text.encode())
-    return files
-
-
-def _unexpected(error: Exception) -> tuple[str, str]:
-    """Return finding and remedy."""
-    if isinstance(error, ObjectFolderError):
-        return error.finding, error.remedy
-    return f"not what a report can show ({type(error).__name__}: {error})", REMEDY
+    if shown != page.fingerprint:
+        return set()
+    names = {path.name, *map(page.beside, page.tile), *([page.player] if has_player else [])}
+    return names if all((folder / name).exists() for name in names) else set()

@@ -38,14 +38,19 @@ STATIC_SCRIPTS = (
 
 
 def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | None = None) -> Path:
-    """Write ``<folder>/<object_id>.player.js``, and return its path.
+    """Write ``<folder>/<object_id>.player.js``, and return its path; for the rest see `player_script`."""
+    target = folder / f"{object_id}.player.js"
+    _write(target, player_script(object_file, object_id, cache))
+    return target
+
+
+def player_script(object_file: Path, object_id: str, cache: Path | None = None) -> bytes:
+    """Return the script of a player's data.
 
     Parameters
     ----------
     object_file
         The Object File.
-    folder
-        Made if it is not there.
     object_id
         What the page calls the object; a plain file name.
     cache
@@ -73,11 +78,9 @@ def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | 
         data = f'{{"header": {_quoted(header)}, "data": "{base64.b64encode(arrays).decode()}"}}'.encode()
         if kept:
             _write(kept, data)
-    target = folder / f"{object_id}.player.js"
     # An object without a prototype: any id is a plain key of it.
     own = f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = "
-    _write(target, own.encode() + data + b";\n")
-    return target
+    return own.encode() + data + b";\n"
 
 
 def write_player_assets(folder: Path) -> set[str]:
