@@ -2,8 +2,9 @@
 
 The draw has a mug, a bell, a bar and the bar's twin, which differs in sound alone: by sight and touch the
 twins cannot be told apart, and a figure that says so has leaked. A figure has to lie within four standard
-deviations of its mean, both measured over the seeds 0 to 7 of draws, splits and weights. Sound is learnt
-worst with seed 0, so its own bounds are wide.
+deviations of its mean, both measured over the seeds 0 to 7 of draws, splits and weights on one processor and
+0 to 5 on another: torch rounds differently there, and one seed's figure moved by as much as seeds differ.
+Sound is learnt worst with seed 0, so its own bounds are wide.
 """
 
 from functools import partial
@@ -24,28 +25,28 @@ from learning.shapes import volume_points
 from tests.learning.conftest import at_root
 
 GRASPS = 150
-# Mean and standard deviation over seeds.
+# Mean and standard deviation over seeds and processors.
 MEASURED = {
-    "vision": (0.723, 0.018),
-    "audio": (0.898, 0.098),
-    "touch": (0.575, 0.055),
-    "all senses": (0.951, 0.061),
-    "vision to audio, ours": (0.761, 0.033),
-    "vision to audio, CCA": (0.792, 0.029),
-    "vision to audio, PLS": (0.785, 0.031),
-    "vision to audio, classify, then look up": (0.782, 0.028),
-    "touch to audio, ours": (0.642, 0.049),
-    "touch to audio, CCA": (0.689, 0.039),
-    "touch to audio, PLS": (0.671, 0.043),
-    "touch to audio, classify, then look up": (0.675, 0.039),
-    "vision to touch, ours": (0.613, 0.046),
-    "vision to touch, CCA": (0.631, 0.037),
-    "vision to touch, PLS": (0.606, 0.044),
-    "vision to touch, classify, then look up": (0.63, 0.038),
-    "iou": (0.443, 0.052),
-    "chamfer": (0.0331, 0.014),
-    "normal_consistency": (0.756, 0.024),
-    "size error": (0.00755, 0.0018),
+    "vision": (0.726, 0.017),
+    "audio": (0.895, 0.094),
+    "touch": (0.590, 0.046),
+    "all senses": (0.944, 0.055),
+    "vision to audio, ours": (0.759, 0.026),
+    "vision to audio, CCA": (0.783, 0.040),
+    "vision to audio, PLS": (0.784, 0.026),
+    "vision to audio, classify, then look up": (0.782, 0.026),
+    "touch to audio, ours": (0.663, 0.048),
+    "touch to audio, CCA": (0.697, 0.041),
+    "touch to audio, PLS": (0.681, 0.037),
+    "touch to audio, classify, then look up": (0.688, 0.033),
+    "vision to touch, ours": (0.626, 0.044),
+    "vision to touch, CCA": (0.629, 0.035),
+    "vision to touch, PLS": (0.616, 0.041),
+    "vision to touch, classify, then look up": (0.636, 0.039),
+    "iou": (0.437, 0.052),
+    "chamfer": (0.0326, 0.013),
+    "normal_consistency": (0.758, 0.024),
+    "size error": (0.00775, 0.0019),
     "grasps by V": (0.495, 0.074),
     "grasps by T": (0.97, 0.04),
     "grasps by VT": (0.972, 0.043),
