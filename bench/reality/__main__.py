@@ -1,8 +1,8 @@
 """Compare the product with measurements of real things.
 
-Prints the page and, where no measurement is absent, writes it to ``docs/reality.md`` and its figures to
-``bench/results/reality.json``. The bundle of measurements lies beside the checkout, or in the folder that
-``--bundle`` names.
+Prints the page and, where no measurement is absent, writes it to ``docs/reality.md`` with its pictures, and
+its figures to ``bench/results/reality.json``. The bundle of measurements lies beside the checkout, or in the
+folder that ``--bundle`` names.
 """
 
 from collections.abc import Callable
@@ -13,6 +13,7 @@ from bench.reality import sound
 from bench.reality.fitted_sound import fitted_sound_rows
 from bench.reality.gel import force_rows, marker_rows
 from bench.reality.photographs import digit_rows, gelsight_rows
+from bench.reality.plots import DECAYS, PHOTOGRAPHS, draw
 from bench.reality.row import Row, page
 from bench.record import REPOSITORY, arguments, write
 
@@ -26,6 +27,8 @@ COMPARISONS: dict[str, Callable[[Path], list[Row]]] = {
     "touch/digit": digit_rows,
     "touch/gelsight": gelsight_rows,
 }
+# By sense.
+PICTURES = {"sound": DECAYS, "touch": PHOTOGRAPHS}
 COMPARED = "The product against measurements of real things, held out from what was fitted"
 
 
@@ -49,7 +52,8 @@ def main() -> None:
     if not absent:
         settings = {"measurements": list(COMPARISONS)}
         print(write("reality", {"rows": [asdict(row) for row in rows]}, settings, COMPARED))
-        (REPOSITORY / "docs" / "reality.md").write_text(page(rows), encoding="utf-8")
+        draw(rows, REPOSITORY / "docs")
+        (REPOSITORY / "docs" / "reality.md").write_text(page(rows, PICTURES), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.ball_prints import Print
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.gel import gel_surface
-from objectfolder.touch.sensor.own_calibration import OwnCalibration, at_magnification, pixels_per_metre
+from objectfolder.touch.sensor.magnification import at_magnification, pixels_per_metre
+from objectfolder.touch.sensor.own_calibration import OwnCalibration
 from objectfolder.touch.sensor.reading import calibrated
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.press import render_poses
@@ -40,7 +41,7 @@ def digit_rows(folder: Path) -> list[Row]:
     own, ball = calibrate(pictures[::2], untouched, sensor, BALL_M).sensor, _ball()
     for preset, simulated, fitted in (
         ("preset `digit`, no table", sensor, f"lights and shadows, {SECOND}"),
-        ("calibrated by `objectfolder calibrate`", own, f"a table, {SECOND}"),
+        ("calibrated by `objectfolder calibrate`", own, f"a table and a response, {SECOND}"),
         ("preset `digit-tacto`, no table", read_sensor("digit-tacto").at_resolution(320, 240), ""),
     ):
         start = cpu_seconds()
@@ -99,11 +100,13 @@ def _calibrated(thing: str, calibration: OwnCalibration, cpu_s: float) -> Row:
     figures = {
         "mean": calibration.held_out.mean(),
         "worst": calibration.held_out.min(),
+        "mean with what is round it": calibration.held_out_around.mean(),
+        "worst with that": calibration.held_out_around.min(),
         "mean patch": calibration.mean_patch.mean(),
         "no touch": calibration.nothing.mean(),
     }
     used = sum(isinstance(circle, Print) for circle in calibration.prints)
-    fitted = f"a table, {used - len(calibration.held_out)} photographs"
+    fitted = f"a table and a response, {used - len(calibration.held_out)} photographs"
     return Row(
         "touch", thing, "contact circle, calibrated by `objectfolder calibrate`, PSNR in dB",
         {name: float(value) for name, value in figures.items()}, _repeatability(calibration), fitted,

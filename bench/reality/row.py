@@ -1,6 +1,6 @@
 """A line of the comparison with real things, and the page that they fill."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -46,12 +46,14 @@ HEADER = """\
 """
 
 
-def page(rows: Iterable[Row]) -> str:
-    """Return ``docs/reality.md``: a table for each sense, then the sources."""
+def page(rows: Iterable[Row], pictures: Mapping[str, str] | None = None) -> str:
+    """Return ``docs/reality.md``: a table for each sense, then its picture, if any; then the sources."""
     ordered = list(rows)
     parts = [INTRODUCTION]
     for sense, lines in groupby(ordered, lambda row: row.sense):
         parts.append(f"\n## {sense.capitalize()}\n{HEADER}" + "".join(map(_line, lines)))
+        if pictures and sense in pictures:
+            parts.append(f"\n![{sense.capitalize()} against measurements]({pictures[sense]})\n")
     sources = dict.fromkeys(f"- {row.thing}: {row.source}\n" for row in ordered)
     parts.append("\n## Sources\n" + "".join(sources))
     return "".join(parts)

@@ -12,7 +12,7 @@ from objectfolder.batch.resident import ResidentTrees, joined, numbers, object_i
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.shadows import shadow_caster
+from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
 from objectfolder.touch.sensor.gel import gel_constants
 from objectfolder.touch.sensor.point_lights import point_lights
@@ -117,7 +117,7 @@ class TouchBatch:
 
         self._gel, self._camera = double(gel), double(sensor.camera_position_m)
         self._housing = double([sensor.housing_low_m, sensor.housing_high_m])
-        self._shadows = shadow_caster(sensor)
+        self._surroundings = surroundings(sensor)
         self._near, self._u, self._v = grid.near, double(grid.u), double(grid.v)
         self._numbers = kind
         self._kind = torch.float32 if kind is np.float32 else torch.float64
@@ -217,7 +217,7 @@ class TouchBatch:
             self._check(images, count)
             layer = self._layers(cell_m)
             answers = self._press_elastic(layer, which, poses, blocked, most, force, steps, images)
-            self._cast_shadows(images)
+            self._change_surroundings(images, bends=True)
             penetration, bears, residual = (answer.to(torch.float64) for answer in answers)
             moved = penetration if force is not None else depths
             poses[:, :3, 3] += moved[:, None] * poses[:, :3, 0]
@@ -271,16 +271,17 @@ class TouchBatch:
             (count, pixels), starts, windows, reach, planes, maps, *self._view, images.rgb, images.depth_m,
             images.mask,
         )  # fmt: skip
-        self._cast_shadows(images)
+        self._change_surroundings(images, bends=False)
         return images
 
-    def _cast_shadows(self, images: TouchImages) -> None:
-        """Darken what the indented gel hides: on the host, which follows a line one pixel after the other."""
-        if self._shadows is None:
+    def _change_surroundings(self, images: TouchImages, *, bends: bool) -> None:
+        """Change what lies round the indented gel: on the host, as a shadow follows its line by pixels."""
+        if self._surroundings is None:
             return
         pictures, depths = images.rgb.cpu().numpy(), images.depth_m.cpu().numpy()
-        for picture, depth in zip(pictures, depths, strict=True):
-            self._shadows.cast(picture, depth)
+        masks = images.mask.cpu().numpy() if bends else [None] * len(pictures)
+        for picture, depth, mask in zip(pictures, depths, masks, strict=True):
+            self._surroundings.cast(picture, depth, mask)
         images.rgb.copy_(torch.from_numpy(pictures))
 
     def _check(self, images: TouchImages, count: int) -> None:

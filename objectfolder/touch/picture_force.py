@@ -58,8 +58,9 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     Raises
     ------
     QueryError
-        Another size or type, a contact at the border of the picture, or one with steep walls (an edge, a flat
-        face, or less than shows), whose depth the picture does not tell.
+        A sensor with an indentation response, another size or type, a contact at the border of the picture,
+        or one with steep walls (an edge, a flat face, or less than shows), whose depth the picture does not
+        tell.
 
     Examples
     --------
@@ -71,6 +72,9 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     >>> 2.7 < force_of(touch.rgb[0], sensor).force_n < 3.3
     True
     """
+    if sensor.indentation_response is not None:
+        finding = "has an indentation response: its pictures do not show how the gel leans beside a contact"
+        raise QueryError("sensor", finding, "Give one without, such as its preset.")
     shape = sensor.image_height // BLOCK, sensor.image_width // BLOCK
     whole = checked_background(picture, sensor)[: shape[0] * BLOCK, : shape[1] * BLOCK].astype(np.float64)
     small = sensor.at_resolution(*shape)

@@ -21,7 +21,8 @@ def calibrate(
     """Calibrate one's own tactile sensor by photographs of a ball pressed into its gel.
 
     Centre and contact circle of each photograph are found; those without are named. A photometric table is
-    fitted, and the sensor written as a file that `sensor` of params.yaml names, its table beside it.
+    fitted, and how the light changes round a contact. The sensor is written as a file that `sensor` of
+    params.yaml names, with both beside it.
 
     Parameters
     ----------
@@ -34,13 +35,13 @@ def calibrate(
     untouched
         picture of the untouched sensor (default: the one called background or untouched)
     sensor
-        what the sensor is like otherwise: gel, housing, camera, shadows; a name or a file
+        what the sensor is like otherwise: gel, housing, camera; a name or a file
     pixels_per_mm
         magnification of the photographs at the gel (default: that of --sensor)
     overwrite
         replace files that are there
     """
-    from objectfolder.touch.sensor.own_calibration import at_magnification
+    from objectfolder.touch.sensor.magnification import at_magnification
     from objectfolder.touch.sensor.own_calibration import calibrate as calibrated
     from objectfolder.touch.sensor.sensor_file import read_sensor, write_sensor
     from pipeline.intake.sensor_photographs import calibration_json, calibration_text, read_photographs
@@ -59,5 +60,5 @@ def calibrate(
     own_sensor = replace(answer.sensor, name=output.stem)
     write_sensor(output, own_sensor, f"Calibrated by a ball of {ball:g} mm, otherwise as {sensor}.\n{text}")
     if not json:
-        print(f"{output}, {output.with_suffix('.npy').name}")
+        print(f"{output}, {output.with_suffix('.npy').name}, {output.stem}-response.npy")
     return FINE

@@ -110,7 +110,8 @@ def calibration_text(calibration: OwnCalibration, names: Sequence[str]) -> str:
         f"{used} of {len(names)} photographs used; PSNR in the contact circle of every second one, dB:"
     )
     figures = (
-        ("table fitted to the others", calibration.held_out),
+        ("fitted to the others", calibration.held_out),
+        ("the same, with what is round", calibration.held_out_around),
         ("mean patch of the others", calibration.mean_patch),
         ("untouched picture", calibration.nothing),
         ("two photographs of one press", calibration.repeatability),
@@ -132,7 +133,7 @@ def calibration_json(calibration: OwnCalibration, photographs: SensorPhotographs
     """Return what `calibration_text` says, and the faults of photographs, as JSON."""
     figures = {
         name: getattr(calibration, name).round(2).tolist()
-        for name in ("held_out", "mean_patch", "nothing", "repeatability")
+        for name in ("held_out", "held_out_around", "mean_patch", "nothing", "repeatability")
     }
     circles = {
         name: circle if isinstance(circle, str) else [circle.column, circle.row, circle.radius]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bench.reality import sound
+from bench.reality.plots import DECAYS, PHOTOGRAPHS, draw
 from bench.reality.row import Row, page
 
 
@@ -17,6 +18,24 @@ def test_the_page_groups_lines_by_sense_and_cites_each_source_once():
     assert text.count("| a bowl | decay | median 1.04, worst 1.9 | not known | nothing | all | 2.0 |") == 2
     assert text.index("## Sound") < text.index("a bowl") < text.index("## Touch") < text.index("a gel")
     assert text.count("Who, 2024") == 1
+    assert "](touch.svg)\n\n## Sources" in page([row, other], {"touch": "touch.svg"})
+
+
+def test_pictures_are_small_and_the_same_for_the_same_figures(tmp_path: Path) -> None:
+    about = ("", "", "all", "Who, 2024", 2.0)
+    rows = [
+        Row("sound", "a bowl", "decay of 20 partials, factor", {"median": 1.04, "rms": 1.9}, *about),
+        Row("touch", "a gel", "window, PSNR in dB", {"mean": 28.0, "worst": 26.0, "no touch": 18.0}, *about),
+    ]
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        draw(rows, tmp_path / folder)
+    for name in (DECAYS, PHOTOGRAPHS):
+        drawn = (tmp_path / "a" / name).read_bytes()
+        assert drawn == (tmp_path / "b" / name).read_bytes()
+        assert len(drawn) < 50_000
+    assert "a bowl" in (tmp_path / "a" / DECAYS).read_text()
+    assert "a gel" in (tmp_path / "a" / PHOTOGRAPHS).read_text()
 
 
 def test_decays_are_those_of_what_lies_over_the_tables_within_the_band(tmp_path: Path) -> None:

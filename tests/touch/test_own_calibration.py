@@ -14,7 +14,8 @@ from objectfolder.touch import Press, calibrate, press, read_sensor
 from objectfolder.touch.sensor import own_calibration
 from objectfolder.touch.sensor.ball_prints import Print, find_prints
 from objectfolder.touch.sensor.camera import no_contact_image
-from objectfolder.touch.sensor.own_calibration import OwnCalibration, pixels_per_metre
+from objectfolder.touch.sensor.magnification import pixels_per_metre
+from objectfolder.touch.sensor.own_calibration import OwnCalibration
 from objectfolder.touch.truth.press import render_poses
 from pipeline.cli import main
 from pipeline.intake.sensor_photographs import read_photographs
@@ -62,6 +63,8 @@ def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs, 
     found, (_, untouched) = calibration, photographs
     assert found.held_out.mean() > found.nothing.mean() + 8
     assert found.held_out.mean() > found.mean_patch.mean()
+    # Nothing changes round a rigid touch of this sensor, and the response invents nothing.
+    assert found.held_out_around.mean() > found.held_out.mean() + 3
     # What no ball showed is less certain than what one did.
     steep = found.uncertainty[-1].mean()
     assert steep > 3 * found.uncertainty[1:3].mean()
@@ -125,10 +128,12 @@ def test_the_command_writes_a_sensor_that_is_read(
     assert main(["calibrate", *given]) == 0
     said = capsys.readouterr().out
     assert "15 of 15 photographs used" in said
+    assert "mine.yaml, mine.npy, mine-response.npy" in said
     assert "Expected error" in said
     sensor = read_sensor(mine)
     assert (sensor.name, sensor.image_height, sensor.gel_sagitta_m) == ("mine", 160, TRUE.gel_sagitta_m)
     assert sensor.photometric_table is not None
+    assert sensor.indentation_response == calibration.sensor.indentation_response
     assert main(["calibrate", *given, "--overwrite", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["psnr_db"]["held_out"]) == 7
     assert main(["calibrate", *given]) == 1

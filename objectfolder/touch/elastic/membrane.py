@@ -12,7 +12,7 @@ import numpy as np
 from objectfolder.jit import kernel
 from objectfolder.touch.contact.height_field import gel_grid
 from objectfolder.touch.elastic.contact_problem import Contact
-from objectfolder.touch.rendering.shadows import shadow_caster
+from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, RayGrid, resolve, to_bytes
 from objectfolder.touch.sensor.gel import gel_slopes
 from objectfolder.touch.sensor.sensor import Sensor
@@ -81,10 +81,11 @@ def membrane_image(
     depth_map = resolve(depth, sensor, grid.samples)
     rgb = to_bytes(resolve(values, sensor, grid.samples))
     depth_map = (np.trunc(depth_map * DEPTH_STEPS_PER_M) / DEPTH_STEPS_PER_M).astype(np.float32)
-    shadows = shadow_caster(sensor)
-    if shadows is not None:
-        shadows.cast(rgb, depth_map)
-    return rgb, depth_map, resolve(touched, sensor, grid.samples) >= 0.5
+    mask = resolve(touched, sensor, grid.samples) >= 0.5
+    around = surroundings(sensor)
+    if around is not None:
+        around.cast(rgb, depth_map, mask)
+    return rgb, depth_map, mask
 
 
 @kernel

@@ -11,7 +11,7 @@ from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.rendering.gather import gather_samples
 from objectfolder.touch.rendering.rasterise import rasterise
 from objectfolder.touch.rendering.resolve import resolve
-from objectfolder.touch.rendering.shadows import shadow_caster
+from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
 from objectfolder.touch.sensor.gel import gel_constants
 from objectfolder.touch.sensor.point_lights import point_lights
@@ -108,8 +108,8 @@ class Simulator:
         resolve(
             owner, extent, values, sample_depth, camera.gel_values, rays, DEPTH_STEPS_PER_M, rgb, depth, mask
         )
-        if camera.shadows is not None:
-            camera.shadows.cast(rgb, depth)
+        if camera.surroundings is not None:
+            camera.surroundings.cast(rgb, depth)
         return TouchImage(rgb, depth, mask, float(area) * grid.cell)
 
 
@@ -124,7 +124,7 @@ class _Camera:
         self.gel_nearness = np.nextafter(1 / self.grid.gel_depth, np.inf).reshape(shape)
         self.gel_values = self.grid.gel_values.reshape(sensor.image_height, sensor.image_width, 3)
         self.no_contact = no_contact_image(sensor, samples)
-        self.shadows = shadow_caster(sensor)
+        self.surroundings = surroundings(sensor)
         table = sensor.photometric_table
         self.lighting = point_lights(sensor) if table is None else table_lighting(sensor, table)
 

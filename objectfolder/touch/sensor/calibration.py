@@ -206,14 +206,21 @@ def _ball(
     return position, normal, (root > 0) & (depth > 0) & (indentation > (1 - share**2) * depth)
 
 
+def ball_indentation(sensor: Sensor, centre: np.ndarray, depth: float, radius: float) -> np.ndarray:
+    """How far a ball presses the gel in (height, width), metres; arguments as of `fit_table`, of one."""
+    position, _, touched = _ball(sensor, _rays(sensor)[0], centre, depth, radius, 1.0)
+    camera = np.asarray(sensor.camera_position_m)
+    y, z = position[1:] + camera[1:, None]
+    indentation = np.where(touched, gel_surface(sensor, y, z) - camera[0] - position[0], 0.0)
+    return np.asarray(indentation.reshape(sensor.image_height, sensor.image_width))
+
+
 def ball_image(sensor: Sensor, centre: np.ndarray, depth: float, radius: float) -> np.ndarray:
     """What a sensor shows of a ball (height, width, 3), grey levels; arguments as of `fit_table`, of one."""
-    rays, gel_depth = _rays(sensor)
-    position, normal, _ = _ball(sensor, rays, centre, depth, radius)
+    position, normal, touched = _ball(sensor, _rays(sensor)[0], centre, depth, radius, 1.0)
     values = ray_grid(sensor, 1).gel_values.copy()
-    before = position[0] < gel_depth
     place = position + np.asarray(sensor.camera_position_m)[:, None]
-    values[before] = shade(sensor, place[:, before], normal[:, before])
+    values[touched] = shade(sensor, place[:, touched], normal[:, touched])
     return np.asarray(values.reshape(sensor.image_height, sensor.image_width, CHANNELS) * 255.0)
 
 

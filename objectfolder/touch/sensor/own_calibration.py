@@ -13,12 +13,16 @@ from objectfolder.touch.sensor.ball_prints import Print, find_prints
 from objectfolder.touch.sensor.calibration import (
     NormalEquations,
     ball_image,
+    ball_indentation,
     ball_pixels,
     gel_pixels,
     normal_equations,
 )
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.gel import gel_sag
+from objectfolder.touch.sensor.indentation_response import IndentationResponse, ResponseField
+from objectfolder.touch.sensor.magnification import pixels_per_metre
+from objectfolder.touch.sensor.response_fit import ResponseFit
 from objectfolder.touch.sensor.sensor import Sensor
 
 SHAPE = (13, 24)
@@ -27,6 +31,11 @@ SMOOTHNESS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 UNIFORMITY = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 # Of how the untouched gel depends on the place: all of it, as changes are alike, or none, as values are.
 SHARES = (1.0, 0.5, 0.0)
+# Of a response, likewise: its patterns' roughness, and how much more their dependence on the place costs; and
+# of a blur on the gel, metres.
+ROUGHNESS = (1e-2, 1e-1, 1.0, 10.0)
+UNEVENNESS = (1.0, 30.0)
+BLURS_M = (0.0, 1e-4, 2e-4, 3e-4, 4e-4)
 # Of few photographs each is left out by itself.
 FOLDS, FEW = 3, 6
 # Of the contact's radius: what lies farther from every mark is untouched gel.
@@ -44,7 +53,7 @@ class OwnCalibration:
     Parameters
     ----------
     sensor
-        With a photometric table, fitted to all photographs with a circle.
+        With a photometric table, an indentation response and a blur, fitted to all photographs with a circle.
     untouched
         (height, width, 3) uint8: what it shows in this session when nothing touches it.
     prints
@@ -55,7 +64,9 @@ class OwnCalibration:
     shown_deg
         The steepest slope that a ball showed, degrees.
     held_out
-        PSNR (m,) in the contact circle of every second photograph, by a table fitted to the others.
+        PSNR (m,) in the contact circle of every second photograph, by what is fitted to the others.
+    held_out_around
+        (m,) the same within `UNTOUCHED` times the circle's radius.
     nothing, mean_patch
         (m,) of the same: by the untouched picture, and by the mean of the others' patches.
     repeatability
@@ -71,6 +82,7 @@ class OwnCalibration:
     uncertainty: np.ndarray
     shown_deg: float
     held_out: np.ndarray
+    held_out_around: np.ndarray
     nothing: np.ndarray
     mean_patch: np.ndarray
     repeatability: np.ndarray
@@ -138,10 +150,14 @@ def calibrate(
         finding = f"{len(marked)} of {len(prints)} photographs show a contact circle"
         raise InputError("photographs", finding, f"At least {LEAST_PRINTS} are needed.")
     unmarked = np.clip(np.rint(unpressed), 0, 255).astype(np.uint8)
-    fit = _Fit(photographs, unmarked, sensor, ball_m, prints)
+    fit = _Fit(photographs, unpressed, unmarked, sensor, ball_m, prints)
     held_out, others = marked[1::2], marked[::2]
     weights = fit.weights(others)
-    errors = fit.errors(others, held_out, *weights)
+    held = fit.response_weights(others, weights)
+    changes = fit.changes(others, held_out, weights)
+    pictures = fit.round_errors(held_out, changes, fit.response.solve(others, *held[:2]), held[2])
+    errors = [picture[fit.disc(index)] for index, picture in zip(held_out, pictures, strict=True)]
+    around = [picture[fit.disc(index, UNTOUCHED)] for index, picture in zip(held_out, pictures, strict=True)]
     whole = fit.equations(marked)
     table = whole.solve(*weights)
     shown_deg = max(np.degrees(np.arcsin(fit.circle(index).radius / (ball_m * scale))) for index in marked)
@@ -149,12 +165,18 @@ def calibrate(
     rows = np.linspace(0, 90, SHAPE[0]) <= shown_deg
     level = np.sqrt(np.mean([_square(part) for part in errors]))
     return OwnCalibration(
-        replace(_plain(sensor), photometric_table=table),
+        replace(
+            _plain(sensor),
+            photometric_table=table,
+            indentation_response=fit.response.solve(marked, *held[:2]),
+            background_blur_m=held[2],
+        ),
         unmarked,
         prints,
         spread * level / np.sqrt((spread[rows] ** 2).mean()),
         float(shown_deg),
         _psnr(errors),
+        _psnr(around),
         _psnr([(photographs[index] - unpressed)[fit.disc(index)] for index in held_out]),
         _psnr(_from_mean_patch(photographs, fit, others, held_out)),
         _psnr(_between_alike(photographs, fit, marked)),
@@ -162,56 +184,35 @@ def calibrate(
     )
 
 
-def pixels_per_metre(sensor: Sensor) -> float:
-    """Magnification of a sensor at the apex of its gel."""
-    away = sensor.gel_apex_m[0] - sensor.camera_position_m[0]
-    return float(sensor.image_height / (2 * away * np.tan(np.radians(sensor.field_of_view_deg) / 2)))
-
-
-def at_magnification(sensor: Sensor, pixels_a_metre: float) -> Sensor:
-    """Return a sensor whose camera sees the gel's apex with that magnification.
-
-    Raises
-    ------
-    InputError
-        One by which the camera sees past the gel's borders.
-    """
-    away = sensor.gel_apex_m[0] - sensor.camera_position_m[0]
-    if not pixels_a_metre > 0:
-        raise InputError("pixels-per-mm", f"{pixels_a_metre / 1e3:g}", "It must be above 0.")
-    angle = float(np.degrees(2 * np.arctan(sensor.image_height / (2 * pixels_a_metre * away))))
-    try:
-        magnified = replace(sensor, field_of_view_deg=angle)
-        ray_grid(magnified, 1)
-    except ValueError as error:
-        raise InputError("pixels-per-mm", str(error), "Give another sensor or magnification.") from error
-    return magnified
-
-
 def _plain(sensor: Sensor) -> Sensor:
-    """The sensor without lights, and whose touches are laid over a background as they are."""
+    """The sensor without lights and shadows, and whose touches are laid over a background as they are."""
     laid = {"background_gain": 1.0, "background_blur_pixels": 1, "background_blur_m": 0.0}
-    return replace(sensor, light_positions_m=(), light_colours=(), **laid)  # type: ignore[arg-type]
+    dark = dict.fromkeys(("light_positions_m", "light_colours", "shadow_positions_m", "shadow_shares"), ())
+    return replace(sensor, indentation_response=None, **dark, **laid)  # type: ignore[arg-type]
 
 
 class _Fit:
     """Tables of some of the photographs, and their errors on others."""
 
     def __init__(
-        self, photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor, ball_m: float,
-        prints: Sequence[Print | str],
+        self, photographs: np.ndarray, unpressed: np.ndarray, untouched: np.ndarray, sensor: Sensor,
+        ball_m: float, prints: Sequence[Print | str],
     ) -> None:  # fmt: skip
         self._photographs, self._sensor, self._ball, self._prints = photographs, sensor, ball_m, prints
         self._gel = normal_equations(gel_pixels(sensor, untouched)[:, ::4], SHAPE)
         self._of: dict[int, NormalEquations] = {}
+        marked = [index for index, circle in enumerate(prints) if isinstance(circle, Print)]
+        self._changes = {index: photographs[index] - unpressed for index in marked}
+        self._pressed = {index: ball_indentation(sensor, *self.place(index), ball_m) for index in marked}
+        self.response = ResponseFit(self._changes, self._pressed)
 
     def circle(self, index: int) -> Print:
         circle = self._prints[index]
         assert isinstance(circle, Print)
         return circle
 
-    def disc(self, index: int) -> np.ndarray:
-        return self.circle(index).disc(self._photographs.shape[1:3])
+    def disc(self, index: int, share: float = 1.0) -> np.ndarray:
+        return self.circle(index).disc(self._photographs.shape[1:3], share)
 
     def place(self, index: int) -> tuple[np.ndarray, float]:
         """Centre (2,) of the ball across the sensor, and how deep it lies in the gel, metres."""
@@ -245,20 +246,72 @@ class _Fit:
 
     def weights(self, chosen: Sequence[int]) -> tuple[float, float, float]:
         """Smoothness, uniformity and share by which others explain each of those chosen best."""
-        count = len(chosen) if len(chosen) <= FEW else FOLDS
-        folds = [chosen[start::count] for start in range(count)]
 
         def error(*weights: float) -> float:
             return sum(
-                _square(part)
-                for fold in folds
-                for part in self.errors([index for index in chosen if index not in fold], fold, *weights)
+                _square(part) for rest, fold in _folds(chosen) for part in self.errors(rest, fold, *weights)
             )
 
         smoothness = min(SMOOTHNESS, key=lambda weight: error(weight, UNIFORMITY[2], SHARES[0]))
         uniformity = min(UNIFORMITY, key=lambda weight: error(smoothness, weight, SHARES[0]))
         share = min(SHARES, key=lambda share: error(smoothness, uniformity, share))
         return smoothness, uniformity, share
+
+    def changes(
+        self, chosen: Sequence[int], others: Sequence[int], weights: tuple[float, float, float]
+    ) -> list[np.ndarray]:
+        """Changes (height, width, 3), grey levels, in the contacts of others by the table of those chosen."""
+        table = self.equations(chosen).solve(*weights)
+        sensor = replace(_plain(self._sensor), photometric_table=table)
+        gel = ray_grid(sensor, 1).gel_values.reshape(self._photographs.shape[1:]) * 255.0
+        return [ball_image(sensor, *self.place(index), self._ball) - gel for index in others]
+
+    def round_errors(
+        self,
+        others: Sequence[int],
+        changes: Sequence[np.ndarray],
+        response: IndentationResponse,
+        blur_m: float,
+    ) -> list[np.ndarray]:
+        """Errors (height, width, 3), grey levels, of others by their changes in contact, and a response."""
+        from scipy.ndimage import gaussian_filter
+
+        field = ResponseField(response, *self._photographs.shape[1:3])
+        blur = blur_m * pixels_per_metre(self._sensor)
+        errors = []
+        for index, change in zip(others, changes, strict=True):
+            beyond = 255 * field.change(self._pressed[index]) * (self._pressed[index] == 0)[..., None]
+            errors.append(gaussian_filter(change + beyond, (blur, blur, 0)) - self._changes[index])
+        return errors
+
+    def response_weights(
+        self, chosen: Sequence[int], weights: tuple[float, float, float]
+    ) -> tuple[float, float, float]:
+        """Roughness, unevenness and blur by which others explain each of those chosen best."""
+
+        folds = [(rest, fold, self.changes(rest, fold, weights)) for rest, fold in _folds(chosen)]
+
+        def error(roughness: float, unevenness: float, blurs: Sequence[float]) -> np.ndarray:
+            total = np.zeros(len(blurs))
+            for rest, fold, changes in folds:
+                response = self.response.solve(rest, roughness, unevenness)
+                for place, blur in enumerate(blurs):
+                    errors = self.round_errors(fold, changes, response, blur)
+                    for index, picture in zip(fold, errors, strict=True):
+                        total[place] += _square(picture[self.disc(index, UNTOUCHED)])
+            return total
+
+        middle = BLURS_M[2:3]
+        roughness = min(ROUGHNESS, key=lambda value: error(value, UNEVENNESS[0], middle)[0])
+        unevenness = min(UNEVENNESS, key=lambda value: error(roughness, value, middle)[0])
+        return roughness, unevenness, BLURS_M[int(error(roughness, unevenness, BLURS_M).argmin())]
+
+
+def _folds(chosen: Sequence[int]) -> list[tuple[list[int], Sequence[int]]]:
+    """The others of each part of those chosen, and the part."""
+    count = len(chosen) if len(chosen) <= FEW else FOLDS
+    parts = [chosen[start::count] for start in range(count)]
+    return [([index for index in chosen if index not in part], part) for part in parts]
 
 
 def _session(photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Print | str]) -> np.ndarray:

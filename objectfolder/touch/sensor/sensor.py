@@ -8,6 +8,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.query_values import image_sides
 from objectfolder.renaming import renamed_attribute, renamed_keywords
+from objectfolder.touch.sensor.indentation_response import IndentationResponse
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 
 Vector = tuple[float, float, float]
@@ -20,6 +21,7 @@ OPTIONAL = (
     "shadow_lamp_height_m",
     "shadow_penumbra_m",
     "background_blur_m",
+    "indentation_response",
 )
 
 
@@ -89,6 +91,8 @@ class Sensor:
         difference from the untouched gel, and the odd width of the blur.
     background_blur_m
         Standard deviation of the blur on the gel, at any image size, in place of that width; 0: the width.
+    indentation_response
+        How light changes beyond a contact, added to every picture of a touch.
     """
 
     name: str = "DIGIT"
@@ -124,6 +128,7 @@ class Sensor:
     background_gain: float = 0.5
     background_blur_pixels: int = 7
     background_blur_m: float = 0.0
+    indentation_response: IndentationResponse | None = None
 
     light_colors = renamed_attribute("light_colours")
     base_color = renamed_attribute("base_colour")
@@ -196,6 +201,8 @@ class Sensor:
         for field in fields(self):
             if field.name in OPTIONAL and getattr(self, field.name) == field.default:
                 del values[field.name]
+        if self.indentation_response is not None:
+            values["indentation_response"] = self.indentation_response.to_dict()
         return {**values, "photometric_table": None if table is None else table.to_dict()}
 
     @classmethod
@@ -205,7 +212,7 @@ class Sensor:
         Raises
         ------
         FormatError
-            A key too many or too few, or a photometric table that is none.
+            A key too many or too few, or a table or response that is none.
         """
         names = {STORED_NAMES.get(field.name, field.name): field.name for field in fields(cls)}
         expected = set(names) - (set(OPTIONAL) - set(values))
@@ -214,9 +221,10 @@ class Sensor:
             raise FormatError("sensor", f"missing fields {missing}, unknown fields {unknown}")
         table = values["photometric_table"]
         read = {names[key]: _as_tuple(value) for key, value in values.items()}
-        return cls(
-            **{**read, "photometric_table": None if table is None else PhotometricTable.from_dict(table)}
-        )
+        read["photometric_table"] = None if table is None else PhotometricTable.from_dict(table)
+        if "indentation_response" in read:
+            read["indentation_response"] = IndentationResponse.from_dict(values["indentation_response"])
+        return cls(**read)
 
 
 Sensor.__init__ = renamed_keywords(  # type: ignore[method-assign]

@@ -22,6 +22,7 @@ from objectfolder.products.atomic import write_whole
 from objectfolder.renaming import REMOVED_IN
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
+from objectfolder.touch.sensor.indentation_response import IndentationResponse
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -141,7 +142,8 @@ def write_sensor(path: Path, sensor: Sensor, comment: str) -> None:
     Parameters
     ----------
     path
-        Of the YAML file; the table has its name and the suffix ``.npy``.
+        Of the YAML file; the table has its name and the suffix ``.npy``, the indentation response, if it has
+        one, ``-response.npy``.
     comment
         Lines at its head.
 
@@ -167,6 +169,10 @@ def write_sensor(path: Path, sensor: Sensor, comment: str) -> None:
             "lamps": [{"position_m": list(position), "share": list(share)} for position, share in lamps],
         }
     content["photometry"] = {"model": "table", "table": table.name}
+    if sensor.indentation_response is not None:
+        response = path.with_name(f"{path.stem}-response.npy")
+        content["photometry"]["response"] = response.name
+        np.save(response, sensor.indentation_response.coefficients)
     head = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
     np.save(table, sensor.photometric_table.coefficients)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
@@ -284,10 +290,14 @@ def _photometry(fields: "_Reader", path: Path, content: Any) -> dict[str, Any]:
         }
     if model == "table":
         rest.pop("made_from", None)
+        response = rest.pop("response", None)
         fields.check_keys("photometry.", rest, ("table",))
         name = fields.value("photometry.table", rest["table"], "text")
-        table = PhotometricTable.read(path.parent / name)
-        return {"light_positions_m": (), "light_colours": (), "photometric_table": table}
+        values: dict[str, Any] = {"photometric_table": PhotometricTable.read(path.parent / name)}
+        if response is not None:
+            beside = path.parent / fields.value("photometry.response", response, "text")
+            values["indentation_response"] = IndentationResponse.read(beside)
+        return {"light_positions_m": (), "light_colours": (), **values}
     raise InputError(path.name, f"photometry.model is {model!r}", "It is cook_torrance or table.")
 
 

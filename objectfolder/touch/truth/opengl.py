@@ -15,7 +15,7 @@ import numpy as np
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.extras import missing_package
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.rendering.shadows import shadow_caster
+from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, ray_grid, to_bytes
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
@@ -183,7 +183,7 @@ def draw_touches(surface: Surface, sensor: Sensor, touches: Touches) -> tuple[To
         As `OpenGLRenderer`.
     """
     check_drawable(PYRENDER, sensor, "rigid")
-    renderer, caster, grid = OpenGLRenderer(sensor), shadow_caster(sensor), ray_grid(sensor, 1)
+    renderer, caster, grid = OpenGLRenderer(sensor), surroundings(sensor), ray_grid(sensor, 1)
     try:
         untouched, gel_depth = renderer.render_gel()
         rgb = np.broadcast_to(untouched, touches.rgb.shape).copy()

@@ -1,0 +1,174 @@
+"""How light changes over a membrane by what is pressed into it elsewhere: shadows, and the gel's bulge.
+
+Beyond a contact a photometric table alone shows the untouched gel. There a real membrane leans, and what
+indents it hides it from the lamps. To first order the change is linear in the indentation: each cell of it
+adds a pattern round itself, of a strength and colour that vary linearly over the picture. In the contact the
+table has all of it, and nothing is added.
+"""
+
+import base64
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from objectfolder.errors import FormatError, InputError
+
+CHANNELS, TERMS = 3, 3
+# Square cells of the picture: so many a height.
+ROWS = 40
+LARGEST = 65  # cells of a side of a pattern
+LAYOUT = f"({CHANNELS} channels, {TERMS} terms, n, n) with n odd and at most {LARGEST}"
+
+
+@dataclass(frozen=True, eq=False)
+class IndentationResponse:
+    """Patterns that an indented cell of the picture adds round itself.
+
+    Parameters
+    ----------
+    coefficients
+        (3, 3, n, n) float16: of red, green and blue, 0..1, a millimetre of a cell's mean indentation; for
+        the terms 1, a, b of the cell's place, halves of the picture's width to the right and of its height
+        down from its middle; and the pattern, rows down and columns to the right, the cell in its middle.
+
+    Raises
+    ------
+    ValueError
+        Another shape or type, or values that are not finite.
+    """
+
+    coefficients: np.ndarray
+
+    def __post_init__(self) -> None:
+        shape = self.coefficients.shape
+        square = len(shape) == 4 and shape[2] == shape[3] <= LARGEST and shape[2] % 2 == 1
+        if not square or shape[:2] != (CHANNELS, TERMS):
+            raise ValueError(f"an indentation response has shape {shape}, expected {LAYOUT}")
+        if self.coefficients.dtype != np.float16:
+            raise ValueError(f"an indentation response has type {self.coefficients.dtype}, expected float16")
+        if not np.isfinite(self.coefficients).all():
+            raise ValueError("an indentation response holds values that are not finite")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, IndentationResponse) and self._bytes == other._bytes
+
+    def __hash__(self) -> int:
+        return hash(self._bytes)
+
+    @cached_property
+    def _bytes(self) -> tuple[tuple[int, ...], bytes]:
+        return self.coefficients.shape, self.coefficients.tobytes()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the response as JSON: shape, and little-endian half floats in base 64."""
+        packed = base64.b64encode(self.coefficients.astype("<f2").tobytes()).decode("ascii")
+        return {"shape": list(self.coefficients.shape), "float16": packed}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "IndentationResponse":
+        """Return the response that `to_dict` described.
+
+        Raises
+        ------
+        FormatError
+            Anything else.
+        """
+        try:
+            data = np.frombuffer(base64.b64decode(values["float16"], validate=True), dtype="<f2")
+            return cls(data.reshape(values["shape"]).astype(np.float16))
+        except (KeyError, TypeError, ValueError) as error:
+            raise FormatError("indentation response", f"not as it was written ({error})") from error
+
+    @classmethod
+    def read(cls, path: Path) -> "IndentationResponse":
+        """Read a response from an .npy file.
+
+        Raises
+        ------
+        InputError
+            A file that is not there, or no response.
+        """
+        try:
+            return cls(np.load(path, allow_pickle=False))
+        except (OSError, ValueError) as error:
+            remedy = f"Write an array {LAYOUT} of float16 with numpy.save."
+            raise InputError(str(path), f"no indentation response ({error})", remedy) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The cells of a picture, of height / `ROWS` on a side, about its middle.
+
+    Parameters
+    ----------
+    down, across
+        (rows, height) and (columns, width) float32: means of pixels over cells, along each axis.
+    up, back
+        (height, rows) and (width, columns) float32: interpolation from the middles of cells to pixels.
+    """
+
+    down: np.ndarray
+    across: np.ndarray
+    up: np.ndarray
+    back: np.ndarray
+
+    @classmethod
+    def of(cls, height: int, width: int) -> "Cells":
+        """Return the cells of a picture of a size."""
+        pitch = height / ROWS
+        vertical, horizontal = _axis(height, pitch), _axis(width, pitch)
+        return cls(vertical[0], horizontal[0], vertical[1], horizontal[1])
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        return len(self.down), len(self.across)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Means (rows, columns, ...) of pixels (height, width, ...) over the cells."""
+        over = np.tensordot(self.down, values, (1, 0))
+        return np.asarray(np.moveaxis(np.tensordot(self.across, over, (1, 1)), 0, 1))
+
+    def terms(self) -> np.ndarray:
+        """Terms (3, rows, columns) of the cells' places, as `IndentationResponse` has them."""
+        b, a = np.meshgrid(*(_middles(count) for count in self.shape), indexing="ij")
+        return np.stack([np.ones_like(a), a, b]).astype(np.float32)
+
+
+class ResponseField:
+    """Changes of pictures of a size by a response."""
+
+    def __init__(self, response: IndentationResponse, height: int, width: int) -> None:
+        self._cells = Cells.of(height, width)
+        self._reach = response.coefficients.shape[-1] // 2
+        self._shape = tuple(count + 2 * self._reach for count in self._cells.shape)
+        self._terms = self._cells.terms()
+        patterns = response.coefficients.astype(np.float32) * np.float32(1e3)
+        self._spectra = np.fft.rfft2(patterns, self._shape)
+
+    def change(self, depth: np.ndarray) -> np.ndarray:
+        """Change (height, width, 3) float32 of values 0..1 by an indentation (height, width), metres."""
+        rows, columns = self._cells.shape
+        sources = np.fft.rfft2(self._cells.mean(depth) * self._terms, self._shape)
+        fields = np.fft.irfft2(np.einsum("ctij,tij->cij", self._spectra, sources), self._shape)
+        kept = fields[:, self._reach : self._reach + rows, self._reach : self._reach + columns]
+        wide = self._cells.up @ kept.astype(np.float32) @ self._cells.back.T
+        return np.ascontiguousarray(np.moveaxis(wide, 0, -1))
+
+
+def _middles(count: int) -> np.ndarray:
+    return (np.arange(count) + 0.5) * (2 / count) - 1
+
+
+def _axis(pixels: int, pitch: float) -> tuple[np.ndarray, np.ndarray]:
+    """Means over cells (cells, pixels), and interpolation from their middles (pixels, cells)."""
+    count = int(np.ceil(pixels / pitch - 1e-9))
+    edge = (pixels - count * pitch) / 2 + np.arange(count + 1) * pitch
+    low = np.maximum(edge[:-1, None], np.arange(pixels))
+    high = np.minimum(edge[1:, None], np.arange(1, pixels + 1))
+    place = np.clip((np.arange(pixels) + 0.5 - edge[0]) / pitch - 0.5, 0, count - 1)
+    weights = np.maximum(1 - np.abs(place[:, None] - np.arange(count)), 0)
+    return (np.maximum(high - low, 0) / pitch).astype(np.float32), weights.astype(np.float32)
