@@ -298,7 +298,9 @@ class _Fit:
                 for place, blur in enumerate(blurs):
                     errors = self.round_errors(fold, changes, response, blur)
                     for index, picture in zip(fold, errors, strict=True):
-                        total[place] += _square(picture[self.disc(index, UNTOUCHED)])
+                        # The contact, which is smaller, counts as much as what is round it.
+                        for share in (1.0, UNTOUCHED):
+                            total[place] += _square(picture[self.disc(index, share)])
             return total
 
         middle = BLURS_M[2:3]
