@@ -6,7 +6,7 @@ from typing import Any
 
 from objectfolder.extras import missing_package, needs_extra
 
-GROUP, NAME, EXTRA = "objectfolder.builders", "object_file", "factory"
+ENTRY_POINTS, NAME, EXTRA = "objectfolder.builders", "object_file", "factory"
 
 
 def build_object_file(mesh: Path, output: Path, **description: Any) -> None:
@@ -24,7 +24,7 @@ def build_object_file(mesh: Path, output: Path, **description: Any) -> None:
     MissingPackageError
         No factory is installed, or a package that it needs is not.
     """
-    builders = entry_points(group=GROUP, name=NAME)
+    builders = entry_points(group=ENTRY_POINTS, name=NAME)
     if not builders:
         raise missing_package("the factory", EXTRA)
     with needs_extra(EXTRA):

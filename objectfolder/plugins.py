@@ -9,7 +9,7 @@ from typing import Any
 
 from objectfolder.errors import InputError
 
-SOURCES = "objectfolder.sources"
+SOURCE_GROUP = "objectfolder.sources"
 SENSORS = "objectfolder.sensors"
 SIMULATORS = "objectfolder.simulators"
 EXPORTS = "objectfolder.exports"

@@ -17,7 +17,7 @@ import yaml
 import objectfolder
 from objectfolder.errors import InputError
 from objectfolder.live import LiveSound, open_simulation
-from objectfolder.plugins import EXPORTS, SENSORS, SIMULATORS, SOURCES
+from objectfolder.plugins import EXPORTS, SENSORS, SIMULATORS, SOURCE_GROUP
 from objectfolder.touch import Press, press, read_sensor
 from pipeline.cli import main
 from pipeline.dataset.parameters import read_parameters
@@ -182,7 +182,7 @@ BROKEN = "import no_such_library\n"
 def test_a_broken_package_is_named_where_it_is_used_and_nowhere_else(
     install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    groups = {group: {"broken": "lab_broken:part"} for group in (SOURCES, SENSORS, SIMULATORS, EXPORTS)}
+    groups = {group: {"broken": "lab_broken:part"} for group in (SOURCE_GROUP, SENSORS, SIMULATORS, EXPORTS)}
     install("lab-broken", groups, {"lab_broken.py": BROKEN})
     uses = (
         lambda: source_named("broken"),
@@ -212,7 +212,11 @@ def test_a_broken_package_is_named_where_it_is_used_and_nowhere_else(
 def test_two_parts_of_one_name_are_refused(
     install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    own = {SOURCES: {"ycb": "lab_one:A"}, SENSORS: {"digit": "lab_one:A"}, EXPORTS: {"mjcf": "lab_one:A"}}
+    own = {
+        SOURCE_GROUP: {"ycb": "lab_one:A"},
+        SENSORS: {"digit": "lab_one:A"},
+        EXPORTS: {"mjcf": "lab_one:A"},
+    }
     install("lab-one", {**own, SIMULATORS: {"twice": "lab_one:A"}}, {})
     install("lab-two", {SIMULATORS: {"twice": "lab_two:A"}}, {})
     for use in (lambda: source_named("ycb"), lambda: read_sensor("digit")):
@@ -252,7 +256,7 @@ def test_a_part_of_another_kind_is_refused(
     use: Callable[[Path], object], finding: str, install: Install, tmp_path: Path
 ) -> None:
     parts = {name: f"lab_wrong:{name}" for name in ("number", "call", "unfinished")}
-    install("lab-wrong", dict.fromkeys((SOURCES, SENSORS, SIMULATORS), parts), {"lab_wrong.py": WRONG})
+    install("lab-wrong", dict.fromkeys((SOURCE_GROUP, SENSORS, SIMULATORS), parts), {"lab_wrong.py": WRONG})
     with pytest.raises(InputError, match=rf"of lab-wrong 1\.0: {finding}"):
         use(tmp_path)
 

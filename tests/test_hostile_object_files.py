@@ -27,7 +27,7 @@ from objectfolder.vision.cameras import look_at
 from objectfolder.vision.network import holes
 from objectfolder.vision.network.face_lattice import FaceLattice, pack_levels
 from objectfolder.vision.network.sparse_grid import LARGEST_RESOLUTION, SparseGrid
-from objectfolder.vision.network.surface_maps import CHANNELS, FINEST_PITCH, WHOLE, lattice_of
+from objectfolder.vision.network.surface_maps import FINEST_PITCH, MAP_CHANNELS, MAP_WHOLE, lattice_of
 
 MEGABYTE = 1 << 20
 ENOUGH = 96 * MEGABYTE  # the window of LZMA's preset alone is 64
@@ -165,8 +165,8 @@ def crowded(file: ObjectFile, names: list[str], pitch: float = FINEST_PITCH) -> 
                 break
             except FormatError:  # too many places
                 continue
-        levels = np.zeros((size, CHANNELS[name]), np.uint8)
-        levels[::2] = WHOLE[name]
+        levels = np.zeros((size, MAP_CHANNELS[name]), np.uint8)
+        levels[::2] = MAP_WHOLE[name]
         tensors[f"vision.map.{name}"] = pack_levels(levels)
         described[name] = {"pitch": pitch, "values": size}
     return tensors, {"vision": {"maps": described}}
@@ -174,8 +174,8 @@ def crowded(file: ObjectFile, names: list[str], pitch: float = FINEST_PITCH) -> 
 
 def test_maps_of_as_many_places_as_a_lattice_may_have(changed, small_file, monkeypatch):
     """Faces full of holes are cut into no more than `MOST_PIECES`, whole arrays at a time."""
-    assert holes.MOST_PIECES <= 200_000  # 4 s of a query, and 150 MB
-    monkeypatch.setattr(holes, "MOST_PIECES", 10_000)
+    assert holes.MOST_HOLE_PIECES <= 200_000  # 4 s of a query, and 150 MB
+    monkeypatch.setattr(holes, "MOST_HOLE_PIECES", 10_000)
     places, interpolate = [], FaceLattice.interpolate
 
     def counted(lattice: FaceLattice, values: np.ndarray, face: np.ndarray, at: np.ndarray) -> np.ndarray:

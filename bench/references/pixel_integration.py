@@ -7,7 +7,7 @@ import numpy as np
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import image_crop, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.rendering.pixel_centres import CHUNK, box_in_view
+from objectfolder.vision.rendering.pixel_centres import CAST_RAYS, box_in_view
 
 # An even pixel gets this share of the rays of an uneven one.
 SAVING = 8
@@ -101,6 +101,6 @@ def _outline(alpha: np.ndarray) -> np.ndarray:
 
 
 def _chunks(pixels: np.ndarray, rays: int) -> Iterator[np.ndarray]:
-    step = max(1, CHUNK // rays)
+    step = max(1, CAST_RAYS // rays)
     for start in range(0, len(pixels), step):
         yield pixels[start : start + step]

@@ -20,7 +20,7 @@ from objectfolder.products.store import Array, Product, read_product
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.environment import NAMES, Environment, named_map
+from objectfolder.vision.environment import ENVIRONMENTS, Environment, named_map
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.render_request import Scene, Shots, unit_scene
 from objectfolder.vision.visionnet.visionnet import VisionNet
@@ -45,7 +45,7 @@ def measured(path: Path, net: VisionNet, scene: Scene, views: Product) -> dict[s
         "lamp": means(views, on_white(lit)),
         "many_lamps": many_lamps(net, cameras[0]),
     }
-    for name in NAMES:
+    for name in ENVIRONMENTS:
         truth = path / f"{name}.npy"
         if not truth.exists():
             path.mkdir(parents=True, exist_ok=True)
@@ -113,7 +113,7 @@ def many_lamps(net: VisionNet, camera: np.ndarray) -> dict[str, float]:
 def draw(figures: dict[str, Any]) -> None:
     """Draw the foreground's PSNR of each object, a mark an environment."""
     picture, axis = subplots(figsize=(8, 4))
-    for name in ("lamp", *NAMES):
+    for name in ("lamp", *ENVIRONMENTS):
         values = [found[name]["psnr_foreground_db"] for found in figures["objects"].values()]
         axis.plot(values, list(figures["objects"]), "o", label=name)
     axis.set(xlabel="PSNR of the foreground, dB", title="Held-out cameras, 128 x 128")
@@ -133,7 +133,7 @@ def main() -> None:
     }
     tasks |= {f"scan {name}": partial(of_scan, scans, name, given.folder) for name in SCANS}
     rows = {name: kept(at / f"{name}.json", task) for name, task in tasks.items()}
-    cells = [found[name] for found in rows.values() for name in NAMES]
+    cells = [found[name] for found in rows.values() for name in ENVIRONMENTS]
     foreground = [cell["psnr_foreground_db"] for cell in cells]
     summary: dict[str, Any] = {
         "foreground_db": {"mean": float(np.mean(foreground)), "worst": min(foreground)},

@@ -17,7 +17,7 @@ from learning.runs import Objects
 from learning.settings import Settings
 from objectfolder.errors import QueryError
 from objectfolder.live import Felt, LiveSight, LiveSound, MujocoSimulation
-from objectfolder.live.clip import FRAMES_PER_S, SAMPLE_RATE_HZ, beside, write_clip
+from objectfolder.live.clip import AUDIO_RATE_HZ, FRAMES_PER_S, beside, write_clip
 from objectfolder.live.gripper import FINGERS, shown_finger
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
@@ -125,7 +125,7 @@ def filmed(
         simulation: Any = _Acted(world.simulation, _acts(world, grasp, lifts=grasp is grasps[-1]))
         sound = LiveSound(
             simulation, {"object": file}, listener_m=tuple(camera[:3, 3]),
-            known=dict.fromkeys(FINGERS, gel_matter), block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
+            known=dict.fromkeys(FINGERS, gel_matter), block_samples=AUDIO_RATE_HZ // FRAMES_PER_S,
         )  # fmt: skip
         gels = [np.full((sensor.image_height, sensor.image_width, 3), 128, dtype=np.uint8)] * 2
         while not simulation.over:

@@ -27,7 +27,7 @@ POSITIVE_DEFINITE, INDEFINITE = 2, -2
 MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
 # Right-hand sides solved for at a time: PARDISO takes memory for each.
-AT_ONCE = 32
+RIGHT_SIDES_AT_ONCE = 32
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 
 
@@ -121,9 +121,12 @@ class Factorisation:
             return np.asarray(self._factors.solve(right))
         # Not its `solve`, which compares the whole matrix with the one factorised each time.
         self._factors.set_phase(SOLVE)
-        if right.shape[1] <= AT_ONCE:
+        if right.shape[1] <= RIGHT_SIDES_AT_ONCE:
             return np.asarray(self._factors._call_pardiso(self._upper, np.asfortranarray(right)))
-        parts = (slice(first, first + AT_ONCE) for first in range(0, right.shape[1], AT_ONCE))
+        parts = (
+            slice(first, first + RIGHT_SIDES_AT_ONCE)
+            for first in range(0, right.shape[1], RIGHT_SIDES_AT_ONCE)
+        )
         return np.concatenate([self.solve(right[:, columns]) for columns in parts], axis=1)
 
     def backward_error(self) -> float:

@@ -55,13 +55,13 @@ class Material:
 
 
 RAYLEIGH_COLUMNS = ("rayleigh_alpha_per_s", "rayleigh_beta_s")
-COLUMNS = tuple(
+MATERIAL_COLUMNS = tuple(
     field.name
     for field in fields(Material)
     if field.default is MISSING and field.name not in RAYLEIGH_COLUMNS
 )
 # Open and closed ends of what is physically possible.
-RANGES = {
+PHYSICAL_RANGES = {
     "density_kg_m3": ("positive", lambda x: x > 0),
     "youngs_modulus_pa": ("positive", lambda x: x > 0),
     "poisson_ratio": ("between -1 and 0.5, both excluded", lambda x: -1 < x < 0.5),
@@ -105,10 +105,14 @@ def read_materials(path: Path | str) -> dict[str, Material]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), f"cannot be read ({error})", "Give a CSV table of materials.") from error
     if not rows:
-        raise InputError(str(path), "no materials", f"Give one a row, with columns {', '.join(COLUMNS)}.")
-    missing = [column for column in COLUMNS if column not in rows[0]]
+        raise InputError(
+            str(path), "no materials", f"Give one a row, with columns {', '.join(MATERIAL_COLUMNS)}."
+        )
+    missing = [column for column in MATERIAL_COLUMNS if column not in rows[0]]
     if missing:
-        raise InputError(str(path), f"column {missing[0]} is missing", f"Needed are {', '.join(COLUMNS)}.")
+        raise InputError(
+            str(path), f"column {missing[0]} is missing", f"Needed are {', '.join(MATERIAL_COLUMNS)}."
+        )
     materials: dict[str, Material] = {}
     for number, row in enumerate(rows, start=2):
         where = f"{path}, row {number}"
@@ -117,7 +121,7 @@ def read_materials(path: Path | str) -> dict[str, Material]:
             raise InputError(where, "name is empty", "Name the material.")
         if name in materials:
             raise InputError(where, f"material {name} comes twice", "Keep one of the rows.")
-        numbers = {column: _number(where, column, row[column]) for column in RANGES}
+        numbers = {column: _number(where, column, row[column]) for column in PHYSICAL_RANGES}
         stated = [column for column in CONTACT_RANGES if _cell(row, column)]
         numbers |= {column: _number(where, column, row[column]) for column in stated}
         cells: dict[str, Any] = dict.fromkeys(RAYLEIGH_COLUMNS) | numbers | _damping(where, row)
@@ -161,7 +165,7 @@ def _damping(where: str, row: Mapping[str, str | None]) -> dict[str, float]:
 
 
 def _number(where: str, column: str, text: str | None) -> float:
-    meaning, holds = {**RANGES, **CONTACT_RANGES, **DAMPING_RANGES}[column]
+    meaning, holds = {**PHYSICAL_RANGES, **CONTACT_RANGES, **DAMPING_RANGES}[column]
     try:
         value = float(text or "")
     except ValueError:

@@ -16,7 +16,7 @@ from objectfolder.touch.contact import first_touch
 from objectfolder.touch.contact.first_touch import contact_normals
 from objectfolder.touch.contact.indentation import indentation
 from objectfolder.touch.contact.tree_queries import (
-    STACK,
+    TREE_STACK,
     _behind,
     _bound_box,
     _bound_triangle,
@@ -38,7 +38,7 @@ first_touch_pose = compiled_copy(
     _roll=scalar(first_touch._roll),
 )
 # Numbers of a face for the pixels: of each corner's plane and of one over the depth, along 1, u and v.
-PLANES = 12
+FACE_NUMBERS = 12
 
 
 @scalar
@@ -246,7 +246,7 @@ def _project(
 
 
 _TRIANGLE, _BOX = ((3, 3), np.float64), ((6,), np.float64)
-locate = Body(_locate, stack=((STACK,), np.int64))
+locate = Body(_locate, stack=((TREE_STACK,), np.int64))
 find = Body(_find, span=((2,), np.int64))
 stand = Body(_stand, span=((2,), np.int64))
 advance = Body(_advance, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.batch import elastic_bodies
-from objectfolder.batch.elastic_bodies import NOTHING_M, SLACK
+from objectfolder.batch.elastic_bodies import FACE_SLACK, NOTHING_M
 from objectfolder.batch.resident import upload
 from objectfolder.batch.targets import Tensor, torch
 from objectfolder.touch.elastic.elastomer import Elastomer
@@ -23,9 +23,9 @@ from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.elastic_press import _cells
 
 # Of the depth, how far above the gel faces count: it bulges by less.
-MARGIN = 1.5
+BULGE_MARGIN = 1.5
 # Touches that are solved together, which bounds the memory, 2.5 MB each on 192 x 128 cells.
-CHUNK = 1024
+TOUCHES_AT_ONCE = 1024
 SHIFTS, HALVINGS = 2, 10
 
 
@@ -75,7 +75,7 @@ class Layer:
         constants = gel_constants(sensor)
         near = constants[8] - constants[0]
         self.grid = upload(np.array([*centre, -pitch[1], -pitch[0], columns, rows], dtype=kind), device)
-        self.form = upload(np.array([*constants[5:7], near, SLACK[kind]], dtype=kind), device)
+        self.form = upload(np.array([*constants[5:7], near, FACE_SLACK[kind]], dtype=kind), device)
 
     def room(self, pairs: int) -> tuple[Tensor, Tensor]:
         """Complex zeros (pairs, padded rows, padded columns), and the cells of both touches in them."""

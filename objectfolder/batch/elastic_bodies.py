@@ -18,12 +18,12 @@ from objectfolder.batch.pixels import photometric_table, point_lights
 from objectfolder.batch.targets import Body, scalar
 from objectfolder.touch.contact.tree_queries import near_gel
 from objectfolder.touch.elastic.membrane import LEAST_APPROACH, NEWTON_STEPS, UNMOVED_M, UNMOVED_SLOPE
-from objectfolder.touch.elastic.object_slopes import STEEPEST
+from objectfolder.touch.elastic.object_slopes import STEEPEST_WALL
 
 # Of a face: weights of its corners, and its height, along 1, y and z; least and greatest height; normals.
 FORMS = 23
 # How far outside a face, in parts of it, a cell still meets it; heights of cells without a face, metres.
-SLACK = {np.float32: 1e-6, np.float64: 1e-12}
+FACE_SLACK = {np.float32: 1e-6, np.float64: 1e-12}
 NOTHING_M = 1.0
 
 
@@ -173,7 +173,7 @@ def _deform(touch, place, pressure, displacement, slopes, grid, shape, fields):
     touched = pressure[pair, i, j, side] > real(0)
     if touched:
         lean_y, lean_z = slopes[touch, i, j, 0], slopes[touch, i, j, 1]
-        if lean_y * lean_y + lean_z * lean_z < real(STEEPEST * STEEPEST):
+        if lean_y * lean_y + lean_z * lean_z < real(STEEPEST_WALL * STEEPEST_WALL):
             y, z = grid[0] + real(j) * grid[2], grid[1] + real(i) * grid[3]
             scale = -shape[1] / math.sqrt(shape[0] * shape[0] - y * y - z * z)
             slope_y, slope_z = scale * y - lean_y, scale * z - lean_z

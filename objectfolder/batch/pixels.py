@@ -17,7 +17,7 @@ import numpy as np
 
 from objectfolder.batch.targets import Body, scalar
 
-MOST_RAYS = 16
+MOST_PIXEL_RAYS = 16
 
 
 @scalar
@@ -173,4 +173,4 @@ def _pixel(shade: Callable[..., Any]) -> Callable[..., None]:
 def pixel_body(table: bool, kind: type[np.floating[Any]]) -> Body:
     """Return the body for a photometric table or point lights, in a precision."""
     function = _pixel(photometric_table if table else point_lights)
-    return Body(function, 2, owner=((MOST_RAYS,), np.int64), best=((MOST_RAYS,), kind))
+    return Body(function, 2, owner=((MOST_PIXEL_RAYS,), np.int64), best=((MOST_PIXEL_RAYS,), kind))

@@ -17,7 +17,7 @@ from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, focal_length_px, image_size, sub_ray_offsets
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.network import LIGHT_INPUTS
-from objectfolder.vision.network.network_layout import ANGLES, MIRROR_WIDTH, WIDTH
+from objectfolder.vision.network.network_layout import ANGLES, LAYER_WIDTH, MIRROR_WIDTH
 from objectfolder.vision.visionnet.sight_queries import SightQueries
 
 # Difference to a neighbour, in sRGB on white, from which on a pixel is looked at again.
@@ -25,7 +25,7 @@ CONTRAST = 0.15
 # Rays traced at a time.
 RAYS_AT_ONCE = 1 << 24
 # Rows and columns of pixels whose rays follow each other: 32 threads take alike ways through the tree.
-TILE = 4, 8
+PIXEL_TILE = 4, 8
 # Of the matrices of networks, whose products are summed in single precision. Lamps far away and close to a
 # surface are beyond the range of float16.
 HALF = torch.bfloat16
@@ -253,7 +253,7 @@ class SightBatch:
         # Each row begins where products in half precision want it, and so does each object.
         inputs, lobe, answers = (
             torch.empty(shape, dtype=torch.float32, device=self.device)
-            for shape in ((sight_bodies.ROWS, _eights(count)), (count,), (count, sight_bodies.ANSWERS))
+            for shape in ((sight_bodies.PADDED_ROWS, _eights(count)), (count,), (count, sight_bodies.ANSWERS))
         )
         sight_bodies.inputs(
             count, points.ray, points.rays.view, scene.objects, scene.lights, scene.lamp_terms, *self._grid,
@@ -321,18 +321,18 @@ class _Network:
         of_lamp = terms[LIGHT_INPUTS]
         order = [*np.setdiff1d(terms, of_lamp), *of_lamp]
         direct, bounced = weights["direct.0.weight"], weights["bounced.0.weight"]
-        both, straight = 2 * WIDTH, 6
+        both, straight = 2 * LAYER_WIDTH, 6
         hidden = both + 2 * straight + 4  # a multiple of 8
         # (inputs, outputs) of each product, then what it adds.
         first, second, third = (
             np.zeros((rows + 1, columns), dtype=np.float32)
             for rows, columns in (
-                (sight_bodies.ROWS, hidden), (hidden, hidden), (hidden, sight_bodies.ANSWERS)
+                (sight_bodies.PADDED_ROWS, hidden), (hidden, hidden), (hidden, sight_bodies.ANSWERS)
             )
         )  # fmt: skip
-        first[: direct.shape[1], :WIDTH] = direct.T
-        first[:coarse, WIDTH:both] = bounced[:, :coarse].T
-        first[features + ANGLES : sight_bodies.TERMS, WIDTH:both] = bounced[:, order].T
+        first[: direct.shape[1], :LAYER_WIDTH] = direct.T
+        first[:coarse, LAYER_WIDTH:both] = bounced[:, :coarse].T
+        first[features + ANGLES : sight_bodies.INPUT_ROWS, LAYER_WIDTH:both] = bounced[:, order].T
         first[-1, :both] = np.concatenate([weights[f"{name}.0.bias"] for name in ("direct", "bounced")])
         positive, negative = both + np.arange(straight), both + straight + np.arange(straight)
         for index, name in enumerate(("albedo", "facing")):
@@ -340,7 +340,7 @@ class _Network:
                 own, columns = weights[f"{name}.weight"].T, positive[3 * index : 3 * index + 3]
                 first[: len(own), columns], first[-1, columns] = own, weights[f"{name}.bias"]
         first[:, negative] = -first[:, positive]
-        rows = slice(0, WIDTH), slice(WIDTH, both)
+        rows = slice(0, LAYER_WIDTH), slice(LAYER_WIDTH, both)
         answers = slice(0, sight_bodies.BOUNCED), slice(sight_bodies.BOUNCED, sight_bodies.ALBEDO)
         for name, some, shown in zip(("direct", "bounced"), rows, answers, strict=True):
             second[some, some], second[-1, some] = weights[f"{name}.2.weight"].T, weights[f"{name}.2.bias"]
@@ -373,9 +373,11 @@ def _eights(count: int) -> int:
 def _tiled(count: int, size: tuple[int, int], device: torch.device) -> Tensor:
     """Return all pixels of views, tile by tile where the size of a view is a multiple of them."""
     places = torch.arange(count, device=device)
-    if size[0] % TILE[0] or size[1] % TILE[1]:
+    if size[0] % PIXEL_TILE[0] or size[1] % PIXEL_TILE[1]:
         return places
-    split = places.reshape(-1, size[0] // TILE[0], TILE[0], size[1] // TILE[1], TILE[1])
+    split = places.reshape(
+        -1, size[0] // PIXEL_TILE[0], PIXEL_TILE[0], size[1] // PIXEL_TILE[1], PIXEL_TILE[1]
+    )
     return split.transpose(2, 3).reshape(-1)
 
 

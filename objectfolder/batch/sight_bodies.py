@@ -34,9 +34,9 @@ FEATURE_ROWS, COARSE_ROWS = sum(FEATURES), sum(FEATURES[:COARSE_LEVELS])
 # Rows of a point's inputs: features of all levels, angles, the surroundings that depend on the point, and
 # those that depend on the lamp alone.
 POINT_ROWS, LAMP_ROWS = 19, 12
-TERMS = FEATURE_ROWS + ANGLES + POINT_ROWS + LAMP_ROWS
+INPUT_ROWS = FEATURE_ROWS + ANGLES + POINT_ROWS + LAMP_ROWS
 # Products of 16-bit numbers are fast where there are 8 n of them; the last rows are 0.
-ROWS = -(-TERMS // 8) * 8
+PADDED_ROWS = -(-INPUT_ROWS // 8) * 8
 # What the network answers: light that is reflected evenly, strength of the highlight, bounced light, albedo,
 # and what a mirror reflects of light from the front, before they are bounded; three each.
 EVEN, STRENGTH, BOUNCED, ALBEDO, FACING, ANSWERS = 0, 3, 6, 9, 12, 16
@@ -159,7 +159,7 @@ def _inputs(
     row += ANGLES
     for term in range(LAMP_ROWS):
         inputs[row + POINT_ROWS + term, point] = lamp_terms[view, term]
-    for term in range(TERMS, ROWS):
+    for term in range(INPUT_ROWS, PADDED_ROWS):
         inputs[term, point] = np.float32(0.0)
 
 

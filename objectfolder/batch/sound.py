@@ -21,8 +21,8 @@ from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 
 # Numbers of one product's left side.
-AT_ONCE = 1 << 26
-TABLES = 64
+NUMBERS_AT_ONCE = 1 << 26
+BATCH_TABLES = 64
 LONGEST_BLOCK = 1024
 
 
@@ -117,7 +117,7 @@ class _Struck:
             [values.reshape(len(values), 3 * self._modes), np.zeros((1, 3 * self._modes))]
         )
         self._corrections = upload(values, device)
-        self.tables = lru_cache(maxsize=TABLES)(self._tables)
+        self.tables = lru_cache(maxsize=BATCH_TABLES)(self._tables)
 
     def gains(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
         """Return the mode shapes (n, 3, modes) and unit normals (n, 3) at places of the surface."""
@@ -180,7 +180,7 @@ def write(
 ) -> None:
     """Write the sounds of some strikes into rows of `sound`, all of them if None."""
     amplitudes = [table.amplitudes(gains, normal, pushes) for table in tables]
-    step = max(1, AT_ONCE // max(1, *(table.coarse.numel() for table in tables)))
+    step = max(1, NUMBERS_AT_ONCE // max(1, *(table.coarse.numel() for table in tables)))
     for start in range(0, len(pushes), step):
         here = slice(start, min(start + step, len(pushes)))
         target = sound[here] if rows is None else torch.empty_like(sound[: here.stop - start])

@@ -24,9 +24,9 @@ with needs_extra("gpu"):
 
 Tensor = torch.Tensor
 # Threads of a block.
-BLOCK = 128
+BLOCK_THREADS = 128
 # Answers along the first of two indices that one launch takes: a limit of CUDA.
-MOST_ROWS = 65535
+LAUNCH_ROWS = 65535
 # Names of their own that no body has.
 CPU_SOURCE = """
 def kernel(from_row, all_rows, all_columns, {names}):
@@ -135,9 +135,11 @@ class Body:
         arguments = [
             cuda.as_cuda_array(part, sync=False) if isinstance(part, Tensor) else part for part in arguments
         ]
-        for start in range(0, rows, MOST_ROWS):
-            some = min(MOST_ROWS, rows - start)
-            self.on_gpu[(-(-columns // BLOCK), some), BLOCK, queue](start, some, columns, *arguments)
+        for start in range(0, rows, LAUNCH_ROWS):
+            some = min(LAUNCH_ROWS, rows - start)
+            self.on_gpu[(-(-columns // BLOCK_THREADS), some), BLOCK_THREADS, queue](
+                start, some, columns, *arguments
+            )
 
 
 @lru_cache(maxsize=1)

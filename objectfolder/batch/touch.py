@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from objectfolder.batch import contact_bodies, elastic, elastic_bodies
-from objectfolder.batch.pixels import MOST_RAYS, pixel_body
+from objectfolder.batch.pixels import MOST_PIXEL_RAYS, pixel_body
 from objectfolder.batch.resident import ResidentTrees, joined, numbers, object_indices, upload
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
@@ -95,8 +95,8 @@ class TouchBatch:
         device: str | torch.device = "cuda",
         precision: str = "single",
     ) -> None:
-        if not 1 <= samples * samples <= MOST_RAYS:
-            raise QueryError("samples", f"{samples}", f"Give 1 to {int(MOST_RAYS**0.5)}.")
+        if not 1 <= samples * samples <= MOST_PIXEL_RAYS:
+            raise QueryError("samples", f"{samples}", f"Give 1 to {int(MOST_PIXEL_RAYS**0.5)}.")
         if precision not in PRECISIONS:
             raise QueryError("precision", f"{precision!r}", "Use 'single' or 'double'.")
         self.device, self.sensor = checked_device(device), sensor
@@ -258,7 +258,7 @@ class TouchBatch:
         self._check(images, count)
         starts, rows = self._faces_near(which, poses, blocked, torch.zeros_like(poses[:, 0, 0]))
         room = self._room
-        planes = room(rows, contact_bodies.PLANES, kind=self._kind)
+        planes = room(rows, contact_bodies.FACE_NUMBERS, kind=self._kind)
         maps, windows = room(rows, 9, kind=self._kind), room(rows, 4, kind=torch.int32)
         reach = room(max(1, count), 4, kind=torch.int32)
         contact_bodies.project(
@@ -312,9 +312,9 @@ class TouchBatch:
         layer, view = gel
         most = torch.where(blocked, 0.0, most)
         answers = torch.empty((3, len(which)), dtype=self._kind, device=self.device)
-        for first in range(0, len(which), elastic.CHUNK):
-            here = slice(first, first + elastic.CHUNK)
-            margins = elastic.MARGIN * most[here]
+        for first in range(0, len(which), elastic.TOUCHES_AT_ONCE):
+            here = slice(first, first + elastic.TOUCHES_AT_ONCE)
+            margins = elastic.BULGE_MARGIN * most[here]
             starts, rows = self._faces_near(which[here], poses[here], blocked[here], margins)
             forms, windows = (
                 self._room(rows, elastic_bodies.FORMS, kind=self._kind), self._room(rows, 4, kind=torch.int32)

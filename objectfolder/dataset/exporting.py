@@ -21,7 +21,7 @@ with needs_extra("dataset"):
     from PIL import Image
 
 LAYOUTS = ("webdataset", "huggingface")
-SPLITS = {"training": "train", "held_out": "test"}  # the names that loaders know
+LOADER_SPLITS = {"training": "train", "held_out": "test"}  # the names that loaders know
 BATCH, OBJECTS_TOGETHER = 64, 16
 MOST_16_BIT = 65535
 Files = dict[str, bytes]
@@ -81,7 +81,7 @@ def export_samples(
         raise InputError("shard_samples", f"{shard_samples}", "Give 1 or more.")
     counts: dict[str, int] = {}
     with new_folder(output, overwrite=overwrite) as folder:
-        for split, name in SPLITS.items():
+        for split, name in LOADER_SPLITS.items():
             samples = ObjectSamples(root_or_files, sense, split, source, seed=seed, **settings)
             written = _written(samples, seed, in_folder=layout == "huggingface")
             if layout == "huggingface":

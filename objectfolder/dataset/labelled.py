@@ -12,7 +12,10 @@ from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 if TYPE_CHECKING:
     import xarray
 
-NAMES = {3: {"channel": list("rgb"), "axis": list("xyz"), "xyz": list("xyz")}, 4: {"channel": list("rgba")}}
+COORDINATE_NAMES = {
+    3: {"channel": list("rgb"), "axis": list("xyz"), "xyz": list("xyz")},
+    4: {"channel": list("rgba")},
+}
 
 
 def open_xarray(product: Path | str, *, chunks: Any = None) -> "xarray.Dataset":
@@ -102,7 +105,7 @@ def _with_coordinates(data: "xarray.Dataset") -> "xarray.Dataset":
         time = np.arange(data.sizes["sample"]) / SAMPLE_RATE_HZ
         data = data.assign_coords(time_s=("sample", time, {"units": "s", "long_name": "time"}))
     for dim, size in data.sizes.items():
-        letters = NAMES.get(size, {}).get(str(dim).removesuffix(f"_{size}"))
+        letters = COORDINATE_NAMES.get(size, {}).get(str(dim).removesuffix(f"_{size}"))
         if letters:
             data = data.assign_coords({dim: letters})
     return data

@@ -14,7 +14,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.extras import needs_extra
 
-REMEDY = "Fetch it again, or make it again."
+PRODUCT_REMEDY = "Fetch it again, or make it again."
 Value = TypeVar("Value")
 
 
@@ -71,14 +71,16 @@ class ProductReader:
         except FileNotFoundError:
             raise
         except Exception as error:  # of zipfile and JSON
-            raise FormatError(str(path), f"not a readable product ({error})", REMEDY) from error
+            raise FormatError(str(path), f"not a readable product ({error})", PRODUCT_REMEDY) from error
 
     def _layout(self, name: str) -> Layout:
         if name not in self._layouts:
             try:
                 self._layouts[name] = Layout.of_json(self._archive.read(f"{name}/zarr.json"))
             except Exception as error:  # KeyError where there is none, and what damage makes
-                raise FormatError(str(self.path), f"no readable array {name} ({error})", REMEDY) from error
+                raise FormatError(
+                    str(self.path), f"no readable array {name} ({error})", PRODUCT_REMEDY
+                ) from error
         return self._layouts[name]
 
     def shape(self, name: str) -> tuple[int, ...]:
@@ -111,7 +113,7 @@ class ProductReader:
             items = [self._chunk(f"{name}/c/{index}{tail}", layout, layout.shape[1:]) for index in indices]
             return np.stack(items) if items else np.empty((0, *layout.shape[1:]), layout.dtype)
         except Exception as error:  # of zipfile, Blosc and numpy
-            raise FormatError(str(self.path), f"damaged array {name} ({error})", REMEDY) from error
+            raise FormatError(str(self.path), f"damaged array {name} ({error})", PRODUCT_REMEDY) from error
 
     def _chunk(self, key: str, layout: Layout, shape: tuple[int, ...]) -> np.ndarray:
         if key not in self._archive.NameToInfo:  # where all are the fill value, there is no chunk

@@ -10,7 +10,7 @@ import numpy as np
 
 from objectfolder.audio.synthesis.oscillators import HIGHEST_RATIO
 from objectfolder.dataset.reading import Kept, ProductReader
-from objectfolder.dataset.senses import SENSES, Sample, Settings
+from objectfolder.dataset.senses import SENSE_READERS, Sample, Settings
 from objectfolder.errors import FormatError, InputError
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
@@ -19,7 +19,7 @@ from objectfolder.products.tensor_file import read_metadata
 
 SPLITS = ("training", "held_out")
 SOURCES = ("truth", "object_file")
-ARCHIVE, TENSORS = ".zarr.zip", ".safetensors"
+ARCHIVE, TENSOR_SUFFIX = ".zarr.zip", ".safetensors"
 
 
 class ObjectSamples:
@@ -54,7 +54,7 @@ class ObjectSamples:
         open_objects: int = 16,
     ) -> None:
         for name, value, known in (
-            ("sense", sense, tuple(SENSES)),
+            ("sense", sense, tuple(SENSE_READERS)),
             ("split", split, SPLITS),
             ("source", source, SOURCES),
         ):
@@ -121,7 +121,7 @@ class ObjectSamples:
         """Yield samples of one object."""
         object_id, rows = self.object_ids[place], self._rows[place][numbers]
         query = {key: values[numbers] for key, values in self._queries[place].items()}
-        sense = SENSES[self.sense]
+        sense = SENSE_READERS[self.sense]
         if self.source == "truth":
             samples = sense.truth(self._products[object_id], rows, query, self.settings)
         else:
@@ -148,10 +148,10 @@ class ObjectSamples:
 
     def _chosen(self, objects: Sequence[str] | None, part: str | None) -> list[str]:
         assert self._root is not None
-        folder = self._root / "data" / SENSES[self.sense].kind
+        folder = self._root / "data" / SENSE_READERS[self.sense].kind
         found = _ids(folder, ARCHIVE)
         if self.source == "object_file":
-            found &= _ids(self._root / "data" / "object_files", TENSORS)
+            found &= _ids(self._root / "data" / "object_files", TENSOR_SUFFIX)
         if not found:
             raise InputError(
                 str(self._root),
@@ -189,14 +189,14 @@ class ObjectSamples:
         for path in paths:
             if not path.is_file():
                 raise FileNotFoundError(2, "no such file", str(path))
-            self._files[path.name.removesuffix(TENSORS)] = path
+            self._files[path.name.removesuffix(TENSOR_SUFFIX)] = path
         if len(self._files) < len(paths):
             raise InputError(str(paths[0].parent), "two files of one name", "Choose one of them.")
         self.object_ids = _checked(objects, set(self._files), "the files")
 
     def _product(self, object_id: str) -> ProductReader:
         assert self._root is not None
-        return ProductReader(self._root / "data" / SENSES[self.sense].kind / f"{object_id}{ARCHIVE}")
+        return ProductReader(self._root / "data" / SENSE_READERS[self.sense].kind / f"{object_id}{ARCHIVE}")
 
     def record(self, object_id: str) -> dict[str, Any] | None:
         """Return name, source, licence and attribution of an object as its file or record has them."""
@@ -213,7 +213,7 @@ class ObjectSamples:
     def _object_path(self, object_id: str) -> Path:
         if self._root is None:
             return self._files[object_id]
-        return self._root / "data" / "object_files" / f"{object_id}{TENSORS}"
+        return self._root / "data" / "object_files" / f"{object_id}{TENSOR_SUFFIX}"
 
     def _object_file(self, object_id: str) -> ObjectFile:
         return ObjectFile.load(self._object_path(object_id))
@@ -250,9 +250,9 @@ class ObjectSamples:
     def _query_table(self, place: int) -> Sample:
         object_id, rows = self.object_ids[place], self._rows[place]
         if self._root is not None:
-            return SENSES[self.sense].queries(self._products[object_id], rows)
+            return SENSE_READERS[self.sense].queries(self._products[object_id], rows)
         seed = seed_from(self._seed, f"{self.sense} {self.split}", object_id)
-        return SENSES[self.sense].sampled(self._object_files[object_id], len(rows), seed)
+        return SENSE_READERS[self.sense].sampled(self._object_files[object_id], len(rows), seed)
 
 
 def _ids(folder: Path, suffix: str) -> set[str]:

@@ -195,7 +195,7 @@ def _pressed_touches(
     }
 
 
-SENSES = {
+SENSE_READERS = {
     "vision": Sense("views", _views, _sampled_views, _true_views, _rendered_views),
     "audio": Sense("modes", _strikes, _sampled_strikes, _true_sounds, _struck_sounds),
     "touch": Sense("touches", _touches, _sampled_touches, _true_touches, _pressed_touches),

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from objectfolder.products.store import Product
-from objectfolder.surface.parallel_views import LIGHT, axes_towards, look
+from objectfolder.surface.parallel_views import LIGHT_DIRECTION, axes_towards, look
 from objectfolder.surface.surface import Surface
 
 PIXELS = 150
 # In diagonals of the bounding box: the side of a picture, and how far out the arrow that shows the sensor's
 # way begins.
-WIDTH, ARROW = 1.2, 0.22
+PICTURE_SIDE, ARROW = 1.2, 0.22
 UP = np.array([0.0, 0.0, 1.0])
 # Directions to the eye, from above before from below.
 TURNS = np.radians(np.arange(0, 360, 45) + 22.5)
@@ -21,8 +21,8 @@ SIDES /= np.linalg.norm(SIDES, axis=1, keepdims=True)
 # Least cosine between the surface's normal and the direction to the eye where a contact is well in sight.
 LEAST_FACING = 0.3
 # In diagonals: what hides a point lies farther before it than this.
-NEAR = 0.004
-DARKEST, BRIGHTEST = 70, 225  # grey of clay
+HIDING_DISTANCE = 0.004
+DARKEST, CLAY_GREY = 70, 225  # grey of clay
 
 
 class ContactPictures(NamedTuple):
@@ -59,7 +59,7 @@ class Side:
     def __init__(self, surface: Surface, eye: np.ndarray) -> None:
         self.surface, self.axes = surface, axes_towards(eye, UP)
         self.direction, self._centre = self.axes[2], surface.bounds.mean(axis=0)
-        self._far, self._scale = _size(surface), PIXELS / (WIDTH * _size(surface))
+        self._far, self._scale = _size(surface), PIXELS / (PICTURE_SIDE * _size(surface))
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return (n, 2) pixels, x right and y down, of (n, 3) points."""
@@ -73,9 +73,9 @@ class Side:
     def picture(self) -> np.ndarray:
         """Return (PIXELS, PIXELS, 4) uint8 RGBA in plain clay, see-through beside the object."""
         faces, normals = self.faces(), self.surface.face_normals @ self.axes.T
-        lit = np.clip(normals @ LIGHT * np.where(normals[:, 2] < 0, -1.0, 1.0), 0, 1)
+        lit = np.clip(normals @ LIGHT_DIRECTION * np.where(normals[:, 2] < 0, -1.0, 1.0), 0, 1)
         drawn = np.zeros((PIXELS, PIXELS, 4), np.uint8)
-        drawn[faces >= 0, :3] = (DARKEST + (BRIGHTEST - DARKEST) * lit[faces[faces >= 0], None]).round()
+        drawn[faces >= 0, :3] = (DARKEST + (CLAY_GREY - DARKEST) * lit[faces[faces >= 0], None]).round()
         drawn[faces >= 0, 3] = 255
         return drawn
 
@@ -83,7 +83,7 @@ class Side:
 def in_sight(surface: Surface, points: np.ndarray, eyes: np.ndarray) -> np.ndarray:
     """Return (sides, n) whether nothing of the surface hides (n, 3) points from (sides, 3) directions."""
     far = _size(surface)
-    starts = points + NEAR * far * eyes[:, None]
+    starts = points + HIDING_DISTANCE * far * eyes[:, None]
     hidden = surface.occluded(starts.reshape(-1, 3), (starts + far * eyes[:, None]).reshape(-1, 3))
     return ~hidden.reshape(len(eyes), len(points))
 

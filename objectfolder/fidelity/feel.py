@@ -10,7 +10,7 @@ from objectfolder.products.store import Product
 # Travel between the gel's first contact and the asked point: about what a gel's roundness makes, and more.
 OFFSETS_M = (1e-4, 1e-3)
 
-DEFINITIONS = {
+TOUCH_DEFINITIONS = {
     "touch.psnr_db": "Peak signal-to-noise ratio of the whole image, held-out points, mean of touches",
     "touch.psnr_contact_db": "The same over the pixels in contact in the truth or in the answer",
     "touch.ssim": "Structural similarity of the whole image, mean of touches",
@@ -32,7 +32,7 @@ PYRENDER_DEFINITIONS = {
 
 def definitions(touches: Product) -> dict[str, str]:
     """Say what is measured of touches, by name."""
-    return DEFINITIONS | (PYRENDER_DEFINITIONS if "compiled_rgb" in touches else {})
+    return TOUCH_DEFINITIONS | (PYRENDER_DEFINITIONS if "compiled_rgb" in touches else {})
 
 
 def measure_touches(

@@ -7,7 +7,7 @@ import numpy as np
 QUALITY = 80
 METHOD = 2  # of 0 to 6; 6 takes three times as long for a tenth fewer bytes
 GREY, AMPLIFIED = 128, 8
-MOST_PIXELS = 16383  # of a side of a WebP
+SHEET_PIXELS = 16383  # of a side of a WebP
 
 
 def webp(picture: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def sheet(truth: np.ndarray, answer: np.ndarray) -> np.ndarray:
     """
     if not len(truth):
         return np.zeros(0, np.uint8)
-    count = MOST_PIXELS // truth.shape[1]
+    count = SHEET_PIXELS // truth.shape[1]
     truth, answer = truth[:count], answer[:count]
     difference = np.clip(GREY + AMPLIFIED * (answer.astype(np.int16) - truth), 0, 255).astype(np.uint8)
     return webp(np.concatenate([truth, answer, difference], axis=2).reshape(-1, 3 * truth.shape[2], 3))

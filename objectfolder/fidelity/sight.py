@@ -12,7 +12,7 @@ from objectfolder.vision.visionnet.visionnet import REFLECTANCE
 
 FOREGROUND_ALPHA = 0.5
 
-DEFINITIONS = {
+SIGHT_DEFINITIONS = {
     "vision.psnr_db": "PSNR of 8-bit sRGB on white, held-out cameras and lights, mean of views",
     "vision.psnr_foreground_db": "The same over the pixels that the object covers by at least half",
     "vision.ssim": "Structural similarity (Wang et al. 2004), Gaussian window of sigma 1.5, mean of views",

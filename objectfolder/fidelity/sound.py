@@ -21,7 +21,7 @@ SOUNDS_COMPARED = 24
 DURATION_S = 1.0
 SAMPLE_RATE_HZ = 44100.0
 
-DEFINITIONS = {
+SOUND_DEFINITIONS = {
     "audio.frequency_error_cents": "Largest |1200 log2(f / f solver)| over the modes of the Object File",
     "audio.damping_error_relative": "Largest relative error of a damping, Object File against the solver",
     "audio.gain_error_db": "20 log10(|g - g truth| / |g truth|) over held-out points, directions and modes",

@@ -21,7 +21,7 @@ from objectfolder.touch.truth.touches import Press
 
 PICTURES = 4
 TURNTABLE_FRAMES, TURNTABLE_PIXELS, TURNTABLE_SUB_RAYS = 8, 220, 4
-SUB_RAYS = (4, 16, 64)
+SUB_RAY_COUNTS = (4, 16, 64)
 MODE_SHARES = (0.25, 0.5, 1.0)
 SURFACE_STEPS_M = (64e-6, 8e-6, 1e-6)
 
@@ -82,7 +82,7 @@ def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Pro
         "touch": feel_summary,
         "bytes": {"total": sum(parts.values()) + metadata, **parts, "metadata": metadata},
         "speed_error": [*sight_rows, *sound_rows, *feel_rows],
-        "definitions": {**sight.DEFINITIONS, **sound.DEFINITIONS, **feel.definitions(touches)},
+        "definitions": {**sight.SIGHT_DEFINITIONS, **sound.SOUND_DEFINITIONS, **feel.definitions(touches)},
     }
     measures = Product({**sight_arrays, **sound_arrays, **feel_arrays}, attributes)
     return Verification(measures, verified, seconds)
@@ -132,7 +132,7 @@ def _sight(
     truth, foreground = sight.held_out_truth(views)
     file.render(*file.sample_views(1, seed=0), resolution=8)  # builds the network and the ray tracer
     answers = {}
-    for sub_rays in sorted({*SUB_RAYS, file.vision.sub_rays}):
+    for sub_rays in sorted({*SUB_RAY_COUNTS, file.vision.sub_rays}):
         with _timed(seconds, _key("vision", "sub_rays", sub_rays), len(truth)):
             answers[sub_rays] = sight.held_out_answer(file, views, sub_rays)
     answer = answers[file.vision.sub_rays]

@@ -15,7 +15,7 @@ from objectfolder.live.sight import LiveSight
 from objectfolder.live.sound import LiveSound
 from objectfolder.products.atomic import atomic_write
 
-FRAMES_PER_S, SAMPLE_RATE_HZ = 30, 44100
+FRAMES_PER_S, AUDIO_RATE_HZ = 30, 44100
 AAC_SAMPLES = 1024  # of a frame of its own
 # Of x264: a constant rate factor at which one sees no loss. Its macroblock tree differs from run to run.
 SETTINGS = {"crf": "18", "x264-params": "mbtree=0"}
@@ -27,7 +27,7 @@ def recorded(
 ) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.float64]]]:  # fmt: skip
     """Run a simulation, and yield each frame's image (h, w, 3) and its sound (samples,) in pascals.
 
-    The sound's blocks must last as long as a frame: `SAMPLE_RATE_HZ / FRAMES_PER_S` samples.
+    The sound's blocks must last as long as a frame: `AUDIO_RATE_HZ / FRAMES_PER_S` samples.
     """
     for _ in range(round(seconds * FRAMES_PER_S)):
         image = sight.image(camera_to_world, resolution).rgb
@@ -60,7 +60,7 @@ def write_clip(
     ----------
     parts
         Images (h, w, 3) sRGB, `FRAMES_PER_S` of them a second, and the pressure (samples,) in pascals at
-        `SAMPLE_RATE_HZ` meanwhile, as of `recorded`. One image at a time is in memory.
+        `AUDIO_RATE_HZ` meanwhile, as of `recorded`. One image at a time is in memory.
     resolution
         Height and width, even numbers.
 
@@ -80,7 +80,7 @@ def write_clip(
         video = container.add_stream("libx264", rate=FRAMES_PER_S, options=SETTINGS)
         video.codec_context.thread_count = 1  # the same frames give the same bytes
         video.width, video.height, video.pix_fmt = width, height, "yuv420p"
-        audio = container.add_stream("aac", rate=SAMPLE_RATE_HZ, layout="mono")
+        audio = container.add_stream("aac", rate=AUDIO_RATE_HZ, layout="mono")
         heard = [np.zeros(0)]
         for image, pressure in parts:
             _mux(container, video, av.VideoFrame.from_ndarray(image, format="rgb24"))
@@ -90,7 +90,7 @@ def write_clip(
         for start in range(0, len(sound), AAC_SAMPLES):
             part = (listening_gain(peak_pa) * sound[None, start : start + AAC_SAMPLES]).astype(np.float32)
             frame = av.AudioFrame.from_ndarray(part, format="fltp", layout="mono")
-            frame.sample_rate, frame.pts, frame.time_base = SAMPLE_RATE_HZ, start, Fraction(1, SAMPLE_RATE_HZ)
+            frame.sample_rate, frame.pts, frame.time_base = AUDIO_RATE_HZ, start, Fraction(1, AUDIO_RATE_HZ)
             _mux(container, audio, frame)
         for stream in (video, audio):
             _mux(container, stream, None)

@@ -30,7 +30,10 @@ GREATEST_FORCE_N, LIFTING_M_S = 10.0, 0.1
 LIFTED_M, LOUDEST_PA, FRICTION = 0.03, 200.0, 0.8
 STRUCK_BLOCKS, MOST_STRIKES = 8, 20  # 93 ms a step
 SOFTEST_N_S, REFERENCE_PA, WANTED_DB, NEAR_DB = 1e-3, 2e-5, (50.0, 75.0), 1.0
-AWAY_M, VIEW = 0.002, np.array([1.6, -1.6, 1.2])  # of where the object stands; of the camera, in its scale
+AWAY_M, CAMERA_POSITION = (
+    0.002,
+    np.array([1.6, -1.6, 1.2]),
+)  # of where the object stands; of the camera, in its scale
 
 
 class Standing(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -67,7 +70,7 @@ class Standing(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._simulation = MujocoSimulation(model, self._data)
         low, high = file.surface.bounds
         centre = (low + high) / 2 - low * [0, 0, 1]
-        self._camera = look_at(centre + VIEW * file.frame.scale, centre)[0]
+        self._camera = look_at(centre + CAMERA_POSITION * file.frame.scale, centre)[0]
         self._side, self._blocks = whole("pixels", pixels, 8, 2048), blocks
         self._spaces: dict[str, gymnasium.Space[Any]] = {
             "image": Box(0, 255, (self._side, self._side, 3), np.uint8),

@@ -27,7 +27,7 @@ MASS_TOLERANCE = 0.01
 # Root mean square of the heights of a surface that does not say; most lie between 0.1 and 5 micrometres.
 ROUGHNESS_UM = 1.0
 # Points of the surface at which contacts that last are heard: 2.5 % of the longest side apart, on a mug.
-PLACES, AT_ONCE = 8192, 16
+LISTENING_POINTS, CONTACTS_AT_ONCE = 8192, 16
 
 
 @dataclass(frozen=True)
@@ -112,11 +112,11 @@ class HeardBody:
         return ClosestPoints(points[best], distance[best], faces[best], barycentric[best])
 
     def motion(self, local: Floats) -> Motion:
-        """Return how its modes move at the nearest of `PLACES` points of the surface."""
+        """Return how its modes move at the nearest of `LISTENING_POINTS` points of the surface."""
         place = int(self._tree.query(local)[1])
         if place not in self._motions:
             # A product for one point costs as much as for a few, and a contact goes on to its neighbours.
-            near = np.atleast_1d(self._tree.query(self._tree.data[place], AT_ONCE)[1])
+            near = np.atleast_1d(self._tree.query(self._tree.data[place], CONTACTS_AT_ONCE)[1])
             new = [int(one) for one in near if one not in self._motions]
             self._motions.update(zip(new, self.stream.motions(self._tree.data[new]), strict=True))
         return self._motions[place]
@@ -134,7 +134,7 @@ class HeardBody:
     def _tree(self) -> "cKDTree[None]":
         from scipy.spatial import cKDTree
 
-        return cKDTree(self.file.surface.sample(PLACES, 0).points)
+        return cKDTree(self.file.surface.sample(LISTENING_POINTS, 0).points)
 
     @cached_property
     def _motions(self) -> dict[int, Motion]:

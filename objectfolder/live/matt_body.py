@@ -10,7 +10,7 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
-AROUND = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # of a pixel
+PIXEL_OFFSETS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # of a pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class MattBody:
         smooth
             Whether edges are: four rays a pixel beside that through its centre.
         """
-        starts, along = view.rays_in(crop, np.concatenate([CENTRE, AROUND]) if smooth else CENTRE)
+        starts, along = view.rays_in(crop, np.concatenate([CENTRE, PIXEL_OFFSETS]) if smooth else CENTRE)
         hits = self.surface.ray_hits(starts, along)
         hit, rgba = np.isfinite(hits.distance), np.zeros((len(along), 4))
         points = starts[hit] + hits.distance[hit, None] * along[hit]

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Pushes = list[tuple[Motion, Floats, Floats]]  # places, unit vectors in the object frame, and newtons (n,)
 GRAVITY_M_S2 = 9.81
 # That is heard; what passes more slowly than a share of it is not read.
-LOWEST_HZ, SLOWEST = 20.0, 0.1
+LOWEST_RUBBING_HZ, SLOWEST = 20.0, 0.1
 COLLISION_S = 0.03
 STEADY_M = 1e-4  # that a contact may move while its damping is that of the place where it was
 
@@ -61,13 +61,13 @@ class Rubbing:
         """Return what roughness pushes (n,) along the way, newtons, at times (n,) evenly apart."""
         total, apart_s = np.zeros(len(times_s)), float(times_s[1] - times_s[0])
         span_s = self.contact.times_s[-1] - self.contact.times_s[0]
-        if self.contact.runs_m.max() <= SLOWEST * LOWEST_HZ * self._width_m * span_s:
+        if self.contact.runs_m.max() <= SLOWEST * LOWEST_RUBBING_HZ * self._width_m * span_s:
             return total
         force, paths = self.contact.at(times_s)
         for path, start_m, roughness_m in zip(paths, self._starts_m, self._roughness_m, strict=True):
             speed = np.gradient(path, apart_s)
             # Slopes that pass too slowly to be heard are faded out: a body that stops leaves no step behind.
-            heard = np.clip(speed / (LOWEST_HZ * self._width_m) - SLOWEST, 0.0, 1.0)
+            heard = np.clip(speed / (LOWEST_RUBBING_HZ * self._width_m) - SLOWEST, 0.0, 1.0)
             if heard.any():
                 # At least over what runs by in a sample, for what is shorter would alias.
                 width_m = max(self._width_m, float(speed.max()) * apart_s)

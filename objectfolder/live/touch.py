@@ -26,7 +26,7 @@ from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
 Floats = NDArray[np.float64]
 # Of the largest friction: engines bring a body that slides to a little less.
 SLIDING_SHARE = 0.99
-CELL_M, TOLERANCE = 0.0005, 1e-3  # of the gel's contact
+CELL_M, CONTACT_TOLERANCE = 0.0005, 1e-3  # of the gel's contact
 APART_M = 0.001  # that collision shapes may stand off the surface
 # Shapes that follow the surface to the first are believed. A finger that they stop before it is taken on by
 # the second at most, where a contact lies over its gel or no farther than the third beside it.
@@ -143,7 +143,7 @@ class Felt:
         if gap.min() > APART_M:
             finding = f"bears {normal_n:.3g} N of an object that is not at its gel"
             raise QueryError(self.name, finding, "Let collision shapes follow the object's surface.")
-        contact = solve_contact(gap, pitch, self._gel, force_n=normal_n, tolerance=TOLERANCE)
+        contact = solve_contact(gap, pitch, self._gel, force_n=normal_n, tolerance=CONTACT_TOLERANCE)
         if normal_n > 0 and contact.indentation_m - gap.min() > greatest_depth_m(sensor):
             raise QueryError(self.name, f"bears {normal_n:.3g} N, more than its gel", "Press less.")
         return contact
@@ -174,7 +174,7 @@ class Felt:
         torque = None if self.torque_nm is None else -self.torque_nm
         return contact, solve_shear(
             contact, self._gel, self.finger.friction, across, torque_nm=torque, before=before,
-            tolerance=TOLERANCE,
+            tolerance=CONTACT_TOLERANCE,
         )  # fmt: skip
 
     @property

@@ -10,7 +10,7 @@ from objectfolder.surface.overlap import NOTHING, CountedAgain
 from objectfolder.surface.surface import Surface, connected_pieces
 
 MEASURED = ("topology", "solid", "wall_thickness", "area_m2", "length", "normals_of_source", "warnings")
-FILLED = ("volume_m3", "mass_kg", "centre_of_mass_m", "inertia_kg_m2")
+SOLID_MEASURES = ("volume_m3", "mass_kg", "centre_of_mass_m", "inertia_kg_m2")
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled: Mapping[s
         "mass_kg": density_kg_m3 * solid["volume_m3"] if closed else None,
         "centre_of_mass_m": solid["centre_of_mass_m"] if closed else None,
         "inertia_kg_m2": inertia.tolist() if closed else None,
-        **{f"filled_{name}": filled[name] for name in FILLED},
+        **{f"filled_{name}": filled[name] for name in SOLID_MEASURES},
         "wall_effective_m": walls["effective_m"],
         "wall_median_m": walls["median_m"],
         "wall_thin_m": walls["thin_m"],

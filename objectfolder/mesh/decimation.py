@@ -14,7 +14,7 @@ from objectfolder.extras import missing_package
 from objectfolder.mesh.cleaning import welded
 from objectfolder.mesh.mesh import TexturedMesh
 
-SAMPLES = 4_000
+DISTANCE_SAMPLES = 4_000
 """Points of each surface that its distance from the other is measured at."""
 PATIENCE_S = 3600
 
@@ -30,8 +30,8 @@ class Decimation:
     faces_before
         Of the source.
     distance
-        Largest distance between the two surfaces at `SAMPLES` points of each and all vertices of the new one
-        (Hausdorff), in units of the mesh.
+        Largest distance between the two surfaces at `DISTANCE_SAMPLES` points of each and all vertices of the
+        new one (Hausdorff), in units of the mesh.
     """
 
     mesh: TexturedMesh
@@ -94,7 +94,7 @@ def decimate(mesh: TexturedMesh, faces: int) -> Decimation:
     if len(result.faces) > faces:
         finding = f"stopped at {len(result.faces)} faces of {before}, where {faces} were asked for"
         raise SimulationError("Blender's decimation", finding, "Ask for more faces")
-    there = result.surface.closest_points(mesh.surface.sample(SAMPLES, 0).points).distance
-    points = np.concatenate([result.surface.sample(SAMPLES, 1).points, result.vertices])
+    there = result.surface.closest_points(mesh.surface.sample(DISTANCE_SAMPLES, 0).points).distance
+    points = np.concatenate([result.surface.sample(DISTANCE_SAMPLES, 1).points, result.vertices])
     back = mesh.surface.closest_points(points).distance
     return Decimation(result, before, float(max(there.max(), back.max())))

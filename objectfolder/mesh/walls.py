@@ -14,11 +14,11 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from objectfolder.mesh.body import topology_of
-from objectfolder.surface.openings import OPENING, has_cracks_only, opening_shares, patches_of
+from objectfolder.surface.openings import LEAST_OPENING, has_cracks_only, opening_shares, patches_of
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 
-RAYS = 2048
+WALL_RAYS = 2048
 BALLS = 256
 THIN_SHARE = 0.1
 
@@ -86,7 +86,7 @@ class WallMeasures:
 
 
 def measure_walls(surface: Surface) -> WallMeasures:
-    """Measure a cleaned surface with outward faces, along the normals at `RAYS` points drawn evenly by area.
+    """Measure a cleaned surface with outward faces, along the normals at `WALL_RAYS` points, drawn by area.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def measure_walls(surface: Surface) -> WallMeasures:
     topology, volume = topology_of(surface), enclosed_volume(surface, samples=8192)[0]
     closed = topology.watertight and topology.consistent and volume > 0
     extents = np.ptp(surface.bounds, axis=0)
-    drawn = surface.sample(RAYS, 0)
+    drawn = surface.sample(WALL_RAYS, 0)
     normals = surface.face_normals[drawn.face]
     start = 1e-6 * float(extents.max())
     hits = surface.ray_hits(drawn.points - start * normals, -normals)
@@ -111,7 +111,7 @@ def measure_walls(surface: Surface) -> WallMeasures:
     thin, median = np.quantile(across, [0.05, 0.5]).tolist() if len(across) else (None, None)
     middles = drawn.points[met] - normals[met] * across[:, None] / 2
     cracked = not closed and has_cracks_only(surface)
-    thin_rays = round(THIN_SHARE * RAYS)
+    thin_rays = round(THIN_SHARE * WALL_RAYS)
     return WallMeasures(
         closed=closed,
         longest_m=float(extents.max()),
@@ -121,7 +121,7 @@ def measure_walls(surface: Surface) -> WallMeasures:
         median_m=median,
         thin_m=thin,
         bulk_m=_largest_ball(surface, middles, drawn.points),
-        wall_share=len(walls) / RAYS,
+        wall_share=len(walls) / WALL_RAYS,
         wall_median_m=float(np.median(walls)) if len(walls) else None,
         wall_thin_m=float(walls[thin_rays]) if len(walls) > thin_rays else None,
         cracked=cracked,
@@ -296,7 +296,7 @@ def _too_thick(
     closed = measures.closed or measures.cracked
     thickest = measures.bulk_m if closed else measures.median_m or 0.0
     if thickest <= limits.largest_solid_m:
-        filled = measures.opening_share > OPENING and measures.volume_m3 > 0
+        filled = measures.opening_share > LEAST_OPENING and measures.volume_m3 > 0
         return _open(measures, limits) if filled else None
     seldom = f"solid {material or 'matter'} above {millimetres(limits.largest_solid_m)} is rare"
     shell_m, how = limits.usual_wall_m, "is usual"

@@ -20,9 +20,12 @@ Bytes = NDArray[np.uint8]
 PRECISION = 12  # bits of a frequency
 LEAST_STATE = 1 << 16  # states are below 2^32, and give and take words of 16 bits
 BANDS = 8
-SMALL, SMALL_BITS = 16, 4  # smaller magnitudes have a symbol each, larger ones share those of as many bits
+SINGLE_SYMBOLS, SMALL_BITS = (
+    16,
+    4,
+)  # smaller magnitudes have a symbol each, larger ones share those of as many bits
 MOST_BITS = 40  # of a magnitude
-SYMBOLS = SMALL + MOST_BITS - SMALL_BITS
+SYMBOLS = SINGLE_SYMBOLS + MOST_BITS - SMALL_BITS
 CLASSES, CLASS_OF_ONE = 40, 12  # in half octaves
 
 
@@ -37,8 +40,8 @@ def pack_matrix(values: Integers) -> Bytes:
     sizes = _sizes(magnitude)
     classes = _classes(*sizes)
     bits = np.frexp(magnitude.astype(np.float64))[1].astype(np.int64)
-    large = magnitude >= SMALL
-    symbols = np.where(large, SMALL + bits - 1 - SMALL_BITS, magnitude)
+    large = magnitude >= SINGLE_SYMBOLS
+    symbols = np.where(large, SINGLE_SYMBOLS + bits - 1 - SMALL_BITS, magnitude)
     frequencies = _frequencies(classes, symbols)
     words, states = _encode(classes, symbols, frequencies)
     digits = bits[large] - 1
@@ -169,8 +172,8 @@ def _decode(classes: Integers, states: Integers, words: Integers, frequencies: I
 def _with_plain_bits(symbols: Integers, plain: Bytes) -> Integers:
     """Integers of their symbols, signs and lower digits."""
     magnitude = symbols.copy()
-    large = symbols >= SMALL
-    digits = symbols[large] - SMALL + SMALL_BITS
+    large = symbols >= SINGLE_SYMBOLS
+    digits = symbols[large] - SINGLE_SYMBOLS + SMALL_BITS
     count = int(np.count_nonzero(symbols)), int(digits.sum())
     if len(plain) != (sum(count) + 7) // 8:
         raise ValueError("a stream of another number of signs and digits")

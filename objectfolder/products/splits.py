@@ -10,7 +10,7 @@ import hashlib
 TRAIN, VALIDATION, TEST = "train", "validation", "test"
 OBJECT_SPLITS = (TRAIN, VALIDATION, TEST)
 # Part of what is hashed: another rule would be another name, and cannot be taken for this one.
-RULE = "objectfolder split 1"
+SPLIT_RULE = "objectfolder split 1"
 VALIDATION_FROM, TEST_FROM = 0.8, 0.9
 
 
@@ -32,7 +32,7 @@ def object_split(object_id: str, material: str) -> str:
     >>> object_split("bell", "iron"), object_split("mug", "ceramic")
     ('validation', 'train')
     """
-    digest = hashlib.sha256(f"{RULE}\n{material}\n{object_id}".encode()).digest()
+    digest = hashlib.sha256(f"{SPLIT_RULE}\n{material}\n{object_id}".encode()).digest()
     place = int.from_bytes(digest[:4], "big") / 2**32
     if place < VALIDATION_FROM:
         return TRAIN

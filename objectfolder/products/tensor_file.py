@@ -34,7 +34,7 @@ DTYPES: dict[str, np.dtype[Any]] = {
     "U8": np.dtype("u1"),
     "BOOL": np.dtype("?"),
 }
-NAMES = {dtype: name for name, dtype in DTYPES.items()}
+DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 LARGEST_HEADER = 100_000_000  # bytes, the limit of the format
 DIGEST = "content_digest"
 MOST_AXES, LARGEST_NUMBER = 8, 1 << 62
@@ -77,11 +77,11 @@ def to_bytes(content: TensorFile) -> bytes:
     # Widest types first keeps every array aligned, as the format asks.
     for name in sorted(arrays, key=lambda name: (-arrays[name].dtype.itemsize, name)):
         dtype = arrays[name].dtype.newbyteorder("<")
-        if dtype not in NAMES:
+        if dtype not in DTYPE_NAMES:
             raise ValueError(f"{name}: safetensors has no type for {arrays[name].dtype}")
         block = np.ascontiguousarray(arrays[name], dtype=dtype).tobytes()
         header[name] = {
-            "dtype": NAMES[dtype],
+            "dtype": DTYPE_NAMES[dtype],
             "shape": list(arrays[name].shape),
             "data_offsets": [offset, offset + len(block)],
         }

@@ -39,14 +39,14 @@ MOST_PARTS = 16
 CONVEX = 0.97
 # Of the decimated copy. CoACD's seconds grow with it, and the hulls of a scan hardly change: those of a
 # hammer cover .906 with 1000 and .902 with 2000 faces.
-MOST_FACES = 1000
+DECIMATED_FACES = 1000
 # Of a hull, or of all hulls where these are few. Simulators touch a plane at up to four corners of a hull;
 # those of a scan lie so close together that bodies rock on them.
-MOST_VERTICES, MOST_VERTICES_IN_ALL = 32, 128
+HULL_VERTICES, MOST_VERTICES_IN_ALL = 32, 128
 # A hull flatter than this share of the longest side has no volume that simulators could use.
 FLATTEST = 1e-4
 # Of CoACD; among a hundred scans only a torn television takes longer.
-TIME_LIMIT_S = 150
+COACD_LIMIT_S = 150
 MEASURING_POINTS = 1 << 14
 SURFACE_POINTS = 2000
 
@@ -87,7 +87,7 @@ def convex_parts(
     *,
     threshold_m: float | None = None,
     most_parts: int = MOST_PARTS,
-    most_faces: int = MOST_FACES,
+    most_faces: int = DECIMATED_FACES,
     seed: int = 0,
     name: str = "surface",
 ) -> ConvexParts:
@@ -188,7 +188,7 @@ def _union_iou(inside: NDArray[np.bool_], covered: NDArray[np.bool_]) -> float:
 def _as_shapes(hulls: list[Floats], length_m: float, name: str) -> tuple[Surface, ...]:
     """Return hulls of the points (n, 3) of parts as simulators take them: with few corners, none flat."""
     convex = [hull for hull in map(_convex_hull, hulls) if hull is not None]
-    most = max(MOST_VERTICES, MOST_VERTICES_IN_ALL // max(len(convex), 1))
+    most = max(HULL_VERTICES, MOST_VERTICES_IN_ALL // max(len(convex), 1))
     thick = tuple(_thinned(hull, most) for hull in convex if _thickness(hull) > FLATTEST * length_m)
     if not thick:
         raise UnsolvableError(
@@ -235,12 +235,12 @@ def _hulls(surface: Surface, threshold_m: float, most_parts: int, seed: int, nam
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "hulls.npz"
         given = {"threshold_m": threshold_m, "most_parts": most_parts, "seed": seed}
-        np.savez(source, vertices=surface.vertices, faces=surface.faces, time_limit_s=TIME_LIMIT_S, **given)
+        np.savez(source, vertices=surface.vertices, faces=surface.faces, time_limit_s=COACD_LIMIT_S, **given)
         done = run_module("objectfolder.simulators.coacd_process", source, target)
         if done.returncode:
             what = f"ended with status {done.returncode}: {last_words(done.stderr)}"
             if done.returncode == OUT_OF_TIME:
-                what = f"takes more than {TIME_LIMIT_S} CPU-s"
+                what = f"takes more than {COACD_LIMIT_S} CPU-s"
             remedy = "Mend its surface, or ask for one part, its convex hull."
             raise UnsolvableError(name, f"parting it into convex hulls {what}", remedy)
         with np.load(target) as hulls:

@@ -47,7 +47,7 @@ DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets
 MOSTLY = 0.75
 # Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
 ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
-OPENING = 0.01  # distance over the diagonal from which on the outside of a solid closes an opening
+OPENING_DISTANCE = 0.01  # distance over the diagonal from which on the outside of a solid closes an opening
 NOTHING_INSIDE = "it encloses no volume on a grid of 200,000 nodes"
 TRIED_WALL = 0.01  # thickness over the diagonal that sheets are tried with before it is advised
 NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
@@ -415,6 +415,6 @@ def _finished(
         "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
         "surface_error_max_m": largest * scale,
         "smallest_body_share": SMALLEST_SHARE,
-        "closing_share": 0.0 if measured.closed else float(np.mean(back > OPENING)),
+        "closing_share": 0.0 if measured.closed else float(np.mean(back > OPENING_DISTANCE)),
     }
     return Solid(measured.form.to_metres(solid.vertices), solid.tetrahedra, solid.component, report, target)

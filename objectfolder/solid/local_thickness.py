@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
-NEIGHBOURS = 5  # the median over these samples ignores single rays that slip through a crack
+MEDIAN_NEIGHBOURS = 5  # the median over these samples ignores single rays that slip through a crack
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def local_thickness(surface: Surface, *, samples: int = 4000, seed: int = 0) -> 
     drawn = surface.sample(samples, seed)
     across = distances_across(surface, drawn.points, surface.face_normals[drawn.face])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
-    near = cKDTree(drawn.points).query(drawn.points, k=min(NEIGHBOURS, samples))[1]
+    near = cKDTree(drawn.points).query(drawn.points, k=min(MEDIAN_NEIGHBOURS, samples))[1]
     typical = np.minimum(np.median(across[near.reshape(samples, -1)], axis=1), diagonal)
     least = np.empty(samples)
     squared = np.einsum("ij,ij->i", drawn.points, drawn.points)

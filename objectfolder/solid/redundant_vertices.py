@@ -8,7 +8,7 @@ from objectfolder.surface.surface import Surface
 with needs_extra("factory"):
     import manifold3d
 
-TOLERANCE = 1e-6  # of the longest side, by which a surface may move
+SURFACE_TOLERANCE = 1e-6  # of the longest side, by which a surface may move
 
 
 def without_redundant_vertices(surface: Surface) -> Surface:
@@ -24,7 +24,7 @@ def without_redundant_vertices(surface: Surface) -> Surface:
     whole = manifold3d.Manifold(mesh)
     if whole.status() != manifold3d.Error.NoError:
         return surface
-    least = whole.simplify(TOLERANCE * float(np.ptp(surface.vertices, axis=0).max())).to_mesh64()
+    least = whole.simplify(SURFACE_TOLERANCE * float(np.ptp(surface.vertices, axis=0).max())).to_mesh64()
     if len(least.tri_verts) == len(surface.faces):
         return surface
     return Surface(np.array(least.vert_properties)[:, :3], np.array(least.tri_verts).astype(np.int64))

@@ -6,7 +6,7 @@ from objectfolder.errors import InputError
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface
 
-REMEDY = "Correct shell_m, or leave it empty for a solid object"
+SHELL_REMEDY = "Correct shell_m, or leave it empty for a solid object"
 
 
 def hollow(surface: Surface, shell_m: float, name: str = "surface", *, nodes: int = 200_000) -> Surface:
@@ -38,7 +38,7 @@ def hollow(surface: Surface, shell_m: float, name: str = "surface", *, nodes: in
         A thickness that is not positive, or as thick as the object: nothing of it is deep enough to be empty.
     """
     if not (np.isfinite(shell_m) and shell_m > 0):
-        raise InputError(f"{name}, shell_m", f"{shell_m!r} is not a positive number of metres", REMEDY)
+        raise InputError(f"{name}, shell_m", f"{shell_m!r} is not a positive number of metres", SHELL_REMEDY)
     if 2 * shell_m >= float(np.ptp(surface.bounds, axis=0).min()):
         inner = None
     else:
@@ -47,7 +47,7 @@ def hollow(surface: Surface, shell_m: float, name: str = "surface", *, nodes: in
         raise InputError(
             f"{name}, shell_m",
             f"a shell of {shell_m:g} m leaves nothing hollow: the object is nowhere thick enough",
-            REMEDY,
+            SHELL_REMEDY,
         )
     used, packed = np.unique(inner.faces, return_inverse=True)
     return Surface(

@@ -7,15 +7,15 @@ from scipy.spatial import cKDTree
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import distances_across
 from objectfolder.solid.sheets import thick_sheets, unit_offsets
-from objectfolder.surface.openings import OPENING, opening_shares, patches_of
+from objectfolder.surface.openings import LEAST_OPENING, opening_shares, patches_of
 from objectfolder.surface.surface import Surface, corner_angles, edge_table
 
 Floats = NDArray[np.float64]
-REMEDY = "Correct wall_m, or leave it empty for the walls as scanned"
-SAMPLES = 8000
+WALL_REMEDY = "Correct wall_m, or leave it empty for the walls as scanned"
+WALL_SAMPLES = 8000
 CORNER = 0.8  # of the way from the middle of a face to a corner: where thickness is measured
 SMOOTHINGS = 3  # steps to neighbours nearer than the wall is thick: scans are rough
-MOST_STEPS = 1000
+THICKENING_STEPS = 1000
 GAP_SHARE = 1 / 3  # of a gap, the most that the wall on one side of it may take
 
 
@@ -52,7 +52,7 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
         object's three sides.
     """
     if not (np.isfinite(wall_m) and wall_m > 0):
-        raise InputError(f"{name}, wall_m", f"{wall_m!r} is not a positive number of metres", REMEDY)
+        raise InputError(f"{name}, wall_m", f"{wall_m!r} is not a positive number of metres", WALL_REMEDY)
     sides = np.sort(np.ptp(surface.bounds, axis=0))
     if wall_m > sides[1] / 4:
         raise InputError(
@@ -60,13 +60,13 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
             f"{wall_m:g} m is no wall of an object with sides of "
             + ", ".join(f"{side:.3g}" for side in sides[::-1])
             + " m",
-            REMEDY,
+            WALL_REMEDY,
         )
-    drawn = surface.sample(SAMPLES, 0)
+    drawn = surface.sample(WALL_SAMPLES, 0)
     thickness = _wall_at(surface, drawn.points, drawn.face)
     patch = patches_of(surface.edges)
     walled = np.bincount(patch[drawn.face], thickness < sides[1] / 4, patch.max() + 1)
-    sheet = opening_shares(surface, patch) > OPENING
+    sheet = opening_shares(surface, patch) > LEAST_OPENING
     sheet &= walled <= np.bincount(patch[drawn.face], minlength=len(sheet)) / 2
     thin = thickness < wall_m
     share = float((thin | sheet[patch[drawn.face]]).mean())
@@ -108,7 +108,7 @@ def _growth(surface: Surface, thin: Floats, wall_m: float) -> Floats:
 
     edges = edge_table(surface.faces).vertices
     known = total > 0
-    for _ in range(MOST_STEPS):
+    for _ in range(THICKENING_STEPS):
         if known.all():
             break
         mean, heard = _mean_of_neighbours(edges, value, known)

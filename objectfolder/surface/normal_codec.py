@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.surface.surface import Surface, corner_normals
 
-STEPS = 256
+NORMAL_STEPS = 256
 """From the middle of the square to its side: normals are off by .2 degrees in the mean."""
 
 NEAR_DEG = 0.5
@@ -50,8 +50,8 @@ def encode_normals(surface: Surface) -> dict[str, np.ndarray]:
     if surface.normals is None or not far.any():
         return {}
     vertex, codes = surface.faces.ravel(), _codes(given)
-    side = 2 * STEPS + 2
-    key = np.where(far, (codes[:, 0] + STEPS) * side + codes[:, 1] + STEPS, -1)
+    side = 2 * NORMAL_STEPS + 2
+    key = np.where(far, (codes[:, 0] + NORMAL_STEPS) * side + codes[:, 1] + NORMAL_STEPS, -1)
     either = vertex * side * side + key + 1
     _, first, pair = np.unique(either, return_index=True, return_inverse=True)
     order = np.lexsort([first, vertex[first]])
@@ -80,19 +80,23 @@ def decoded_normals(tensors: dict[str, np.ndarray], surface: Surface) -> Floats 
     _, first, pair = np.unique(vertex * len(vertex) + rank, return_index=True, return_inverse=True)
     offsets = unzigzag(unpack_integers(tensors[OFFSETS], 2 * len(first)).reshape(2, -1).T)
     codes = _codes(corner_normals(surface.vertices, surface.faces).reshape(-1, 3)[first]) + offsets
-    normals = np.where(offsets.any(axis=1)[:, None], _directions(np.clip(codes, -STEPS, STEPS)), 0.0)
+    normals = np.where(
+        offsets.any(axis=1)[:, None], _directions(np.clip(codes, -NORMAL_STEPS, NORMAL_STEPS)), 0.0
+    )
     return np.asarray(normals[pair.reshape(-1)].reshape(-1, 3, 3))
 
 
 def _codes(normals: Floats) -> Integers:
-    """Places (n, 2) on the square of the octahedron, -`STEPS` to `STEPS`."""
+    """Places (n, 2) on the square of the octahedron, -`NORMAL_STEPS` to `NORMAL_STEPS`."""
     flat = normals / np.maximum(np.abs(normals).sum(axis=1, keepdims=True), 1e-300)
-    return np.rint(STEPS * np.where(flat[:, 2:] < 0, _folded(flat[:, :2]), flat[:, :2])).astype(np.int64)
+    return np.rint(NORMAL_STEPS * np.where(flat[:, 2:] < 0, _folded(flat[:, :2]), flat[:, :2])).astype(
+        np.int64
+    )
 
 
 def _directions(codes: Integers) -> Floats:
     """Unit normals (n, 3) at places on the square."""
-    square = codes / STEPS
+    square = codes / NORMAL_STEPS
     up = 1 - np.abs(square).sum(axis=1, keepdims=True)
     direction = np.concatenate([np.where(up < 0, _folded(square), square), up], axis=1)
     return np.asarray(direction / np.linalg.norm(direction, axis=1, keepdims=True))

@@ -10,11 +10,11 @@ from objectfolder.surface.surface import EdgeTable, Surface, connected_pieces
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-OPENING = 0.05
+LEAST_OPENING = 0.05
 """Area of the flat lids of a patch's openings over its own, from which on it is a sheet."""
 CRACK = 0.003
 """Distance over the longest side up to which two rims along one another are the sides of a crack."""
-MATCHED, OTHER_WAY, NEIGHBOURS, MOST_STEPS = 0.98, -0.7, 16, 100_000
+MATCHED, OTHER_WAY, RIM_NEIGHBOURS, MOST_RIM_STEPS = 0.98, -0.7, 16, 100_000
 
 
 def patches_of(table: EdgeTable) -> Integers:
@@ -84,14 +84,14 @@ def has_cracks_only(surface: Surface) -> bool:
     length = np.linalg.norm(end - start, axis=1)
     width = CRACK * float(np.ptp(surface.bounds, axis=0).max())
     count = np.maximum(1, np.ceil(length / width)).astype(np.int64)
-    if len(rim) == 0 or count.sum() > MOST_STEPS:
+    if len(rim) == 0 or count.sum() > MOST_RIM_STEPS:
         return False
     edge = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     points = start[edge] + (end - start)[edge] * ((step + 0.5) / count[edge])[:, None]
     direction = ((end - start) / np.maximum(length, 1e-300)[:, None])[edge]
     # Steps are no longer than the width: of a rim beside, one lies within 1.5 of it.
-    near = KDTree(points).query(points, k=NEIGHBOURS, distance_upper_bound=1.5 * width)[1]
+    near = KDTree(points).query(points, k=RIM_NEIGHBOURS, distance_upper_bound=1.5 * width)[1]
     there = near < len(points)
     near = np.where(there, near, 0)
     opposite = np.einsum("pnx,px->pn", direction[near], direction) < OTHER_WAY

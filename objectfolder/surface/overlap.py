@@ -15,7 +15,7 @@ from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-COLUMNS = 16384
+COLUMNS_AT_ONCE = 16384
 CELLS_AT_ONCE = 2_000_000
 GAUSS = 0.5 / np.sqrt(3)  # from the middle over the length: two points integrate cubics exactly
 
@@ -39,7 +39,7 @@ class CountedAgain:
 NOTHING = CountedAgain(np.zeros((0, 3)), np.zeros(0), 0.0)
 
 
-def counted_again(surface: Surface, *, columns: int = COLUMNS, seed: int = 0) -> CountedAgain:
+def counted_again(surface: Surface, *, columns: int = COLUMNS_AT_ONCE, seed: int = 0) -> CountedAgain:
     """Where patches of a closed surface with outward faces overlap, and how often too much.
 
     A surface of which no two patches have bounding boxes that meet counts nothing again. Of two boxes along

@@ -7,7 +7,7 @@ from objectfolder.surface.surface import Hits, Surface
 
 Floats = NDArray[np.float64]
 
-LIGHT = np.array([-0.45, 0.55, 0.9]) / np.linalg.norm([0.45, 0.55, 0.9])
+LIGHT_DIRECTION = np.array([-0.45, 0.55, 0.9]) / np.linalg.norm([0.45, 0.55, 0.9])
 """Direction to the lamp along the picture's right, up and back."""
 
 

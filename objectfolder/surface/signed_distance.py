@@ -11,7 +11,7 @@ from objectfolder.surface.surface import SampledDistance, Surface, connected_pie
 from objectfolder.surface.winding_number import WindingNumber, is_closed
 
 Floats = NDArray[np.float64]
-MARGIN = 2  # cells around the bounding box
+MARGIN_CELLS = 2  # cells around the bounding box
 CRUMB = 30.0  # cells: smaller closed pieces are not resolved
 
 
@@ -41,7 +41,7 @@ def signed_distance(surface: Surface, nodes: int, *, level: float = 0.0) -> Sign
     size = np.maximum(high - low, 1e-3 * (high - low).max())
     cell = float((np.prod(size) / nodes) ** (1 / 3))
     while True:
-        counts = np.ceil(size / cell).astype(np.int64) + 1 + 2 * MARGIN
+        counts = np.ceil(size / cell).astype(np.int64) + 1 + 2 * MARGIN_CELLS
         if np.prod(counts) <= 1.1 * nodes + 1000:
             break
         cell *= 1.05

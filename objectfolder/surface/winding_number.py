@@ -13,8 +13,8 @@ from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 LEAF = 8
-FAR = 2.0  # radii of a group of faces at which it counts as one dipole
-QUERIES_AT_ONCE = 2048
+DIPOLE_RADII = 2.0  # radii of a group of faces at which it counts as one dipole
+WINDING_POINTS = 2048
 
 
 class WindingNumber:
@@ -51,8 +51,8 @@ class WindingNumber:
         """Winding number at (n, 3) points, (n,)."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
         result = np.zeros(len(points))
-        for start in range(0, len(points), QUERIES_AT_ONCE):
-            result[start : start + QUERIES_AT_ONCE] = self._at(points[start : start + QUERIES_AT_ONCE])
+        for start in range(0, len(points), WINDING_POINTS):
+            result[start : start + WINDING_POINTS] = self._at(points[start : start + WINDING_POINTS])
         return result
 
     def _at(self, points: Floats) -> Floats:
@@ -62,7 +62,7 @@ class WindingNumber:
         for level, (centre, vector, radius) in enumerate(self._levels):
             away = centre[node] - points[query]
             distance = np.linalg.norm(away, axis=1)
-            far = distance > FAR * radius[node]
+            far = distance > DIPOLE_RADII * radius[node]
             dipole = np.einsum("ij,ij->i", vector[node[far]], away[far]) / (4 * np.pi * distance[far] ** 3)
             result += np.bincount(query[far], dipole, len(points))
             query, node = query[~far], node[~far]

@@ -25,16 +25,18 @@ from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import shade
 
 Floats = NDArray[np.float64]
-BLOCK = 2  # pixels of a side that are averaged
+AVERAGED_PX = 2  # pixels of a side that are averaged
 # Of a value that shows a touch, above rounding; of a shadow, that is taken off.
 CHANGE, LEAST_LIGHT = 0.6 / 255, 0.2
-SLOPES, STEEPEST, ROUNDS = 25, 1.2, 3
+SLOPES, STEEPEST_SLOPE, SEARCH_ROUNDS = 25, 1.2, 3
 # Of the contact's border, over the deepest displacement; and nearer ones round the best.
-LEVELS, NEARER = np.arange(0.05, 0.96, 0.1), np.arange(-0.05, 0.06, 0.025)
+BORDER_LEVELS, NEARER = np.arange(0.05, 0.96, 0.1), np.arange(-0.05, 0.06, 0.025)
 # Cost of a slope, of what it changes on the untouched gel.
 FLATTENING, STEP, AT_A_TIME = 2e-3, 1e-3, 400_000
 UNEXPLAINED = 0.1  # of squared slopes: of round objects less is
-ERROR = 0.1  # relative: simulated touches of round objects are within 0.063 (docs/touch_elastic.md)
+PICTURE_FORCE_ERROR = (
+    0.1  # relative: simulated touches of round objects are within 0.063 (docs/touch_elastic.md)
+)
 
 
 class PictureForce(NamedTuple):
@@ -75,30 +77,32 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     if sensor.indentation_response is not None:
         finding = "has an indentation response: its pictures do not show how the gel leans beside a contact"
         raise QueryError("sensor", finding, "Give one without, such as its preset.")
-    shape = sensor.image_height // BLOCK, sensor.image_width // BLOCK
-    whole = checked_background(picture, sensor)[: shape[0] * BLOCK, : shape[1] * BLOCK].astype(np.float64)
+    shape = sensor.image_height // AVERAGED_PX, sensor.image_width // AVERAGED_PX
+    whole = checked_background(picture, sensor)[: shape[0] * AVERAGED_PX, : shape[1] * AVERAGED_PX].astype(
+        np.float64
+    )
     small = sensor.at_resolution(*shape)
-    seen = whole.reshape(shape[0], BLOCK, shape[1], BLOCK, 3).mean(axis=(1, 3)) / 255
+    seen = whole.reshape(shape[0], AVERAGED_PX, shape[1], AVERAGED_PX, 3).mean(axis=(1, 3)) / 255
     changed = (np.abs(seen - ray_grid(small, 1).gel_values.reshape(seen.shape)) > CHANGE).any(axis=-1)
     if not changed.any():
         return PictureForce(0.0, 0.0)
     shadows, height, light = shadow_caster(small), np.zeros(shape), np.ones(1)
-    for _ in range(ROUNDS):
+    for _ in range(SEARCH_ROUNDS):
         place = _places(small, height)
         slopes = _slopes(small, np.minimum(seen / light, 1.0), changed, place)
         height = _height(*slopes)
         height -= np.median(height[~changed]) if not changed.all() else 0.0
         if shadows is not None:
             light = np.maximum(shadows.light(np.maximum(height, 0).astype(np.float32)), LEAST_LIGHT)
-    contact, level, _ = _contact(small, height, slopes, place, LEVELS)
+    contact, level, _ = _contact(small, height, slopes, place, BORDER_LEVELS)
     if contact.reaches_border:
         raise QueryError("picture", "its contact reaches the border", "Press nearer the middle.")
     if not changed.all():
         height += np.median((contact.displacement_m - height)[~changed])
     contact, _, unexplained = _contact(small, height, slopes, place, level + NEARER)
-    if level == LEVELS[0] or unexplained > UNEXPLAINED:
+    if level == BORDER_LEVELS[0] or unexplained > UNEXPLAINED:
         raise QueryError("picture", "its contact has steep walls or hardly shows", "Press something round.")
-    return PictureForce(contact.force_n, ERROR * contact.force_n)
+    return PictureForce(contact.force_n, PICTURE_FORCE_ERROR * contact.force_n)
 
 
 def _places(sensor: Sensor, height: Floats) -> Floats:
@@ -130,7 +134,7 @@ def _slopes(sensor: Sensor, seen: Floats, changed: NDArray[np.bool_], place: Flo
     each = np.arange(len(target))
     best = np.zeros((2, len(target)))
     cost = FLATTENING * np.mean(np.sum(response(best) ** 2, axis=(1, 2))) / 2
-    steps = np.tan(np.linspace(-1, 1, SLOPES) * np.arctan(STEEPEST))
+    steps = np.tan(np.linspace(-1, 1, SLOPES) * np.arctan(STEEPEST_SLOPE))
     candidates = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)
     count = candidates.shape[1]
     for part in np.array_split(np.arange(len(target)), -(-len(target) * count // AT_A_TIME)):

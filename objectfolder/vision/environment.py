@@ -15,11 +15,11 @@ import numpy as np
 from objectfolder.errors import QueryError
 from objectfolder.query_values import real_array
 
-NAMES = ("studio", "sky", "window")
+ENVIRONMENTS = ("studio", "sky", "window")
 NAMED_ROWS = 128
 MOST_ROWS = 2048
 # Lights that a map is cut into, and rows of the map from which they and the irradiance are summed at most.
-LIGHTS, LIGHT_ROWS, IRRADIANCE_ROWS, EVEN_SHARE = 256, 256, 32, 0.5
+MAP_LIGHTS, LIGHT_ROWS, IRRADIANCE_ROWS, EVEN_SHARE = 256, 256, 32, 0.5
 # Weights of red, green and blue in luminance (ITU-R BT.709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # (top, bottom, left, right) of a part of a map, pixels.
@@ -37,7 +37,7 @@ class Environment:
     irradiance
         (h, 2 h, 3) float32 irradiance of a plane whose normal is the pixel's direction, nothing in the way.
     directions, powers
-        (`LIGHTS`, 3) float64: lights that stand for parts of much the same power, neighbours in turn, and
+        (`MAP_LIGHTS`, 3) float64: lights that stand for parts of much the same power, neighbours in turn, and
         radiance times solid angle of each.
     """
 
@@ -62,7 +62,9 @@ class Environment:
 
 
 def _checked(light: Any) -> np.ndarray:
-    remedy = f"Name one of {', '.join(NAMES)}, or give (h, 2 h, 3) linear radiance, h up to {MOST_ROWS}."
+    remedy = (
+        f"Name one of {', '.join(ENVIRONMENTS)}, or give (h, 2 h, 3) linear radiance, h up to {MOST_ROWS}."
+    )
     radiance = real_array("lights", light, remedy)
     height = radiance.shape[0] if radiance.ndim else 0
     if not 0 < height <= MOST_ROWS or radiance.shape != (height, 2 * height, 3):
@@ -74,13 +76,15 @@ def _checked(light: Any) -> np.ndarray:
 
 @cache
 def _named(name: str) -> Environment:
-    if name not in NAMES:
-        raise QueryError("lights", f"{name!r} is none that is known", f"Use {', '.join(NAMES)}, or a map.")
+    if name not in ENVIRONMENTS:
+        raise QueryError(
+            "lights", f"{name!r} is none that is known", f"Use {', '.join(ENVIRONMENTS)}, or a map."
+        )
     return _prepared(named_map(name))
 
 
 def named_map(name: str) -> np.ndarray:
-    """Return the map (h, 2 h, 3) of one of `NAMES`, float64.
+    """Return the map (h, 2 h, 3) of one of `ENVIRONMENTS`, float64.
 
     The studio has three bright panels and a grey room, the sky a sun of 5 degrees radius above a ground, the
     window four panes in a dim room.
@@ -156,7 +160,7 @@ def _halved(power: np.ndarray) -> np.ndarray:
 
 
 def _lights(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return `LIGHTS` directions and powers (n, 3), where there are fewer parts some of them in shares."""
+    """Return `MAP_LIGHTS` directions and powers (n, 3); of fewer parts some are in shares."""
     (directions, solid_angle), luminous = pixel_directions(len(power)), power @ LUMINANCE
     # Where the map is dim there are lights as well: a side that faces away from its lamps is lit by that.
     even = EVEN_SHARE * luminous.sum() / (4 * np.pi) * solid_angle[:, None]
@@ -170,7 +174,7 @@ def _lights(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     length = np.linalg.norm(along, axis=1, keepdims=True)
     known = length[:, 0] > 1e-9 * (sums @ LUMINANCE)
     along = np.where(known[:, None], along / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
-    which = np.arange(LIGHTS) * len(along) // LIGHTS
+    which = np.arange(MAP_LIGHTS) * len(along) // MAP_LIGHTS
     return along[which], sums[which] / np.bincount(which)[which, None]
 
 
@@ -188,7 +192,7 @@ def pixel_directions(height: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _median_cut(luminous: np.ndarray) -> list[Part]:
-    """Cut a map of power into at most `LIGHTS` parts of much the same power (Debevec 2005).
+    """Cut a map of power into at most `MAP_LIGHTS` parts of much the same power (Debevec 2005).
 
     Each cut is across the longer side. The parts come in the order of the tree of cuts, so that those that
     follow one another lie side by side.
@@ -207,7 +211,7 @@ def _median_cut(luminous: np.ndarray) -> list[Part]:
             heapq.heappush(pending, (-float(power), path, part))
 
     put("", (0, height, 0, width))
-    while pending and len(pending) + len(done) < LIGHTS:
+    while pending and len(pending) + len(done) < MAP_LIGHTS:
         _, path, (top, bottom, left, right) = heapq.heappop(pending)
         middle = np.pi * (top + bottom) / (2 * height)
         tall, wide = np.pi * (bottom - top) / height, 2 * np.pi * (right - left) / width * np.sin(middle)

@@ -9,7 +9,7 @@ from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, GOLDEN_RATIO, look_at
 from objectfolder.vision.compositing import on_white
 
 ELEVATION_DEG = 25.0
-FILLED = 0.92  # share of half an image that the object's farthest point is from the middle
+IMAGE_SHARE = 0.92  # share of half an image that the object's farthest point is from the middle
 LAMP_RADIUS = 3.0  # unit-frame lengths from the centre: far, so that no side of the object is burnt
 # Lamps by studio: directions in the camera's axes (right, up, towards it), and powers.
 STUDIOS = {
@@ -36,7 +36,7 @@ def turntable(count: int, points: np.ndarray) -> np.ndarray:
     around = [np.cos(elevation) * np.cos(angles), np.cos(elevation) * np.sin(angles)]
     poses = look_at(np.stack([*around, np.full(count, np.sin(elevation))], axis=1))
     right, up, near = np.moveaxis(points @ poses[:, :3, :3], -1, 0)
-    spread = FILLED * np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
+    spread = IMAGE_SHARE * np.tan(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
     poses[:, :3, 3] *= (np.maximum(abs(right), abs(up)) / spread + near).max(initial=0.0)
     return poses
 

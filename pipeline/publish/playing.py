@@ -8,7 +8,7 @@ import numpy as np
 
 from objectfolder.audio.synthesis.wav import listening_gain
 from objectfolder.live import LiveSound, MujocoSimulation, Simulation
-from objectfolder.live.clip import FRAMES_PER_S, SAMPLE_RATE_HZ, recorded, write_clip
+from objectfolder.live.clip import AUDIO_RATE_HZ, FRAMES_PER_S, recorded, write_clip
 from objectfolder.live.simulators import OWN, open_simulation
 from pipeline.publish.opened_scene import OpenedScene, camera_over
 
@@ -72,7 +72,7 @@ def play(
         files,
         listener_m=tuple(camera[:3, 3]),
         seed=seed,
-        block_samples=SAMPLE_RATE_HZ // FRAMES_PER_S,
+        block_samples=AUDIO_RATE_HZ // FRAMES_PER_S,
     )
     frames = recorded(sound, opened.sight(simulation), camera, seconds, resolution)
     peak_pa = write_clip(output, frames, resolution)

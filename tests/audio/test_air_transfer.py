@@ -491,7 +491,7 @@ def test_a_file_with_a_transfer_of_other_modes_is_refused(with_transfer, tmp_pat
 
 @pytest.mark.slow
 def test_modes_with_a_transfer_are_fitted_with_it(glass_bar, monkeypatch):
-    monkeypatch.setattr(radiation_module, "MOST_VERTICES", 300)
+    monkeypatch.setattr(radiation_module, "ELEMENT_VERTICES", 300)
     glass = read_materials(REPOSITORY / "data" / "materials.csv")["glass"]
     options = {"training_points": 120, "held_out_points": 0, "seed": 0, "max_frequency_hz": 5000.0}
     options |= {"accuracy_cents": 50.0, "highest_order": 3}

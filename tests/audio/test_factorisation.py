@@ -23,7 +23,9 @@ def matrix(size: int = 60, seed: int = 0) -> sparse.csr_matrix:
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_solutions_are_those_of_a_dense_solver(solver: str) -> None:
     definite = (matrix() @ matrix() + sparse.identity(60)).tocsr()
-    right = np.random.default_rng(1).standard_normal((60, factorisation.AT_ONCE + 5))  # in two parts
+    right = np.random.default_rng(1).standard_normal(
+        (60, factorisation.RIGHT_SIDES_AT_ONCE + 5)
+    )  # in two parts
     found = Factorisation(definite, definite=True, solver=solver).solve(right)
     np.testing.assert_allclose(found, np.linalg.solve(definite.toarray(), right), atol=1e-11)
 

@@ -14,7 +14,7 @@ from learning.grasping.world import HELD_SHARE, Grasp
 from learning.runs import Objects
 from objectfolder import example
 from objectfolder.live import clip
-from objectfolder.live.clip import SAMPLE_RATE_HZ
+from objectfolder.live.clip import AUDIO_RATE_HZ
 
 RESULTS = Path(__file__).parents[2] / "learning" / "results"
 
@@ -46,7 +46,7 @@ def test_a_mug_is_seen_to_rise_heard_to_be_touched_and_felt(held, tmp_path, monk
     assert abs(gels[4] - gels[3]).mean() < 0.3 * pressed.mean(), "and held"
     seen = images[:, :, :pixels]
     assert abs(seen[-1] - seen[3]).max() > 100, "lifted"
-    loud = np.flatnonzero(abs(sound) > 0.1 * abs(sound).max()) / SAMPLE_RATE_HZ
+    loud = np.flatnonzero(abs(sound) > 0.1 * abs(sound).max()) / AUDIO_RATE_HZ
     assert loud[0] < 0.1, "touched at once"
     assert np.median(loud) < 0.3, "then it rings"
     longer, _ = read(tmp_path / "lost.mp4")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
-from objectfolder.live.clip import SAMPLE_RATE_HZ, beside, write_clip
+from objectfolder.live.clip import AUDIO_RATE_HZ, beside, write_clip
 from pipeline.cli import main
 from tests.live.drop_scenes import drop_scene
 
@@ -34,7 +34,7 @@ def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
     assert images.shape == (15, 64, 96, 3)
     assert abs(images[0].astype(int) - images[-1]).max() > 60, "it has moved"
     peak = abs(sound).max()
-    first = np.flatnonzero(abs(sound) > 0.1 * peak)[0] / SAMPLE_RATE_HZ
+    first = np.flatnonzero(abs(sound) > 0.1 * peak)[0] / AUDIO_RATE_HZ
     assert 0.5 < peak < 0.9
     assert 0.05 < first < 0.3, "silent while it falls"
     again = scene.with_name("again.mp4")
@@ -47,14 +47,14 @@ def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
 def test_frames_and_sound_are_read_as_they_were_written(tmp_path):
     frames = np.full((10, 32, 48, 3), 200, dtype=np.uint8)
     frames[5:] = 40
-    tone = 20.0 * np.sin(2 * np.pi * 1000 * np.arange(SAMPLE_RATE_HZ // 3) / SAMPLE_RATE_HZ)
+    tone = 20.0 * np.sin(2 * np.pi * 1000 * np.arange(AUDIO_RATE_HZ // 3) / AUDIO_RATE_HZ)
     peak_pa = write_clip(tmp_path / "a.mp4", zip(frames, tone.reshape(10, -1), strict=True), (32, 48))
     images, sound = read(tmp_path / "a.mp4")
     assert abs(images.astype(int) - frames).max() < 6
     assert peak_pa == pytest.approx(20, rel=1e-4)
     assert abs(sound[4096:10240]).max() == pytest.approx(10 ** (-3 / 20), rel=0.03), "3 dB below full scale"
     spectrum = abs(np.fft.rfft(sound[2048:10240] * np.hanning(8192)))
-    assert spectrum.argmax() * SAMPLE_RATE_HZ / 8192 == pytest.approx(1000, abs=6)
+    assert spectrum.argmax() * AUDIO_RATE_HZ / 8192 == pytest.approx(1000, abs=6)
 
 
 def test_pictures_stand_at_the_right_one_above_the_other():

@@ -53,7 +53,7 @@ def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, caps
     write_text(tmp_path / "ball.mtl", "newmtl skin\nmap_Kd skin.png\n")
     write_text(tmp_path / "skin.png", encoded(quarters(256)))
     monkeypatch.setattr("objectfolder.mesh.readers.face_count.MOST_FACES", 1000)
-    monkeypatch.setattr("objectfolder.mesh.decimation.SAMPLES", 500)
+    monkeypatch.setattr("objectfolder.mesh.decimation.DISTANCE_SAMPLES", 500)
     with pytest.raises(InputError, match="--decimate"):
         load_mesh(path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

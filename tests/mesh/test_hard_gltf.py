@@ -493,7 +493,7 @@ def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
 
 
 def test_textures_are_read_once_and_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.mesh.readers.textures.MOST_BYTES", 4 * 32 * 32)
+    monkeypatch.setattr("objectfolder.mesh.readers.textures.TEXTURE_BYTES", 4 * 32 * 32)
     check(*GLTF["GLB"](tmp_path / "one"))
     path = write_obj_box(
         tmp_path / "two", library="newmtl skin\nmap_Kd skin.png\nnewmtl b\nmap_Kd skin.png\n"

@@ -79,9 +79,9 @@ def test_textures_that_are_too_large_together_are_refused(tmp_path, monkeypatch)
         material = writer.material(png_of(100, 100) + bytes([index]))
         writer.node(mesh=writer.mesh(box_primitive(writer, material=material)))
     mesh = writer.write(tmp_path / "model.glb")
-    monkeypatch.setattr(textures, "MOST_BYTES", 4 * 100 * 100 * 4)
+    monkeypatch.setattr(textures, "TEXTURE_BYTES", 4 * 100 * 100 * 4)
     load_mesh(mesh)
-    monkeypatch.setattr(textures, "MOST_BYTES", 4 * 100 * 100 * 4 - 1)
+    monkeypatch.setattr(textures, "TEXTURE_BYTES", 4 * 100 * 100 * 4 - 1)
     with pytest.raises(InputError, match="its textures take more than 159999 bytes in all"):
         load_mesh(mesh)
 

@@ -113,7 +113,7 @@ def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
 def test_a_surface_that_takes_too_long_has_no_parts_and_its_product_says_why(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(collision, "TIME_LIMIT_S", 1)
+    monkeypatch.setattr(collision, "COACD_LIMIT_S", 1)
     rings = surface_of(trimesh.creation.torus(0.05, 0.015, major_sections=64, minor_sections=32))
     with pytest.raises(UnsolvableError, match=r"takes more than 1 CPU-s.*one part") as caught:
         convex_parts(rings, threshold_m=1e-4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.solid.redundant_vertices import TOLERANCE, without_redundant_vertices
+from objectfolder.solid.redundant_vertices import SURFACE_TOLERANCE, without_redundant_vertices
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 
@@ -39,7 +39,7 @@ def test_a_round_surface_is_left_as_it_is() -> None:
     assert without_redundant_vertices(ball) is ball
 
 
-@pytest.mark.parametrize(("off", "corners"), [(0.5 * TOLERANCE, 8), (3 * TOLERANCE, 9)])
+@pytest.mark.parametrize(("off", "corners"), [(0.5 * SURFACE_TOLERANCE, 8), (3 * SURFACE_TOLERANCE, 9)])
 def test_a_vertex_goes_only_where_the_surface_moves_by_less_than_the_tolerance(
     off: float, corners: int
 ) -> None:

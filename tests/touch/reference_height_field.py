@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from reference_contact import corners_in, in_box
 
-from objectfolder.touch.contact.height_field import REACH_M, TOLERANCE, gel_grid
+from objectfolder.touch.contact.height_field import FACE_TOLERANCE, REACH_M, gel_grid
 from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
@@ -73,7 +73,9 @@ def _lower(
     area = weights[0] + weights[1] + weights[2]
     size = np.abs(weights[0]) + np.abs(weights[1]) + np.abs(weights[2])
     sign = np.sign(area)
-    inside = (area != 0) & (np.minimum.reduce([weight * sign for weight in weights]) >= -TOLERANCE * size)
+    inside = (area != 0) & (
+        np.minimum.reduce([weight * sign for weight in weights]) >= -FACE_TOLERANCE * size
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         x = sum(weight * corners[:, corner, 0] for corner, weight in enumerate(weights)) / area
     # Within the tolerance of an edge a face seen nearly edge-on may be far outside itself.

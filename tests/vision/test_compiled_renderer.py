@@ -13,7 +13,7 @@ from vision_shapes import sphere
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
-from objectfolder.vision.compiled.renderer import MANY
+from objectfolder.vision.compiled.renderer import LIGHTS_IN_TURN
 from objectfolder.vision.compositing import composite_on_white
 from tests.drawn_examples import few_examples
 
@@ -140,11 +140,14 @@ def test_a_light_on_the_surface_gives_numbers_and_lights_the_rest_as_the_referen
 @pytest.mark.parametrize("mirrors", [False, True])
 def test_many_lights_in_turn_show_what_a_few_at_a_time_add_up_to(mirrors):
     fast = CompiledRenderer(*network(SHAPES["mug"](), mirrors=mirrors), 1.0)
-    lights, colours = uniform_on_sphere(MANY, 1.0, np.random.default_rng(9)), np.full((MANY, 3), 1 / MANY)
+    lights, colours = (
+        uniform_on_sphere(LIGHTS_IN_TURN, 1.0, np.random.default_rng(9)),
+        np.full((LIGHTS_IN_TURN, 3), 1 / LIGHTS_IN_TURN),
+    )
     query = {"size": (48, 48), "field_of_view_deg": 39.6, "sub_rays": 64}
     pose = camera(1.0, -1.8, 1.4)
     together = fast.render(pose, lights, colours, **query)
-    half = slice(0, MANY // 2), slice(MANY // 2, MANY)
+    half = slice(0, LIGHTS_IN_TURN // 2), slice(LIGHTS_IN_TURN // 2, LIGHTS_IN_TURN)
     apart = sum(fast.render(pose, lights[part], colours[part], **query) for part in half)
     shown = together[..., 3] > 0
     scale = apart[shown][:, :3].mean()

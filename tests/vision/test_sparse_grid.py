@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import FormatError
-from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
+from objectfolder.vision.network.sparse_grid import GRID_LEVELS, HALF_WIDTH, SparseGrid
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def points() -> np.ndarray:
 def test_linear_functions_are_interpolated_exactly(points):
     grid = SparseGrid.of_points(points, 24)
     for level, (rows, weights) in enumerate(grid.interpolation(points)):
-        cells = 24 >> (LEVELS - 1 - level)
+        cells = 24 >> (GRID_LEVELS - 1 - level)
         lookup = grid.lookups[level]
         position = np.stack(np.unravel_index(np.flatnonzero(lookup >= 0), (cells + 1,) * 3), axis=1)
         table = position * (2 * HALF_WIDTH / cells) - HALF_WIDTH

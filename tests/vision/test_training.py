@@ -17,7 +17,7 @@ from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, h
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 from objectfolder.vision.visionnet.fitting import (
     FEW_RAYS,
-    MOST_RAYS,
+    MOST_TRAINING_RAYS,
     fit_visionnet,
     rays_to_average,
     rays_to_resolve,
@@ -349,7 +349,7 @@ def test_few_pixels_are_given_more_rays_at_equal_cost():
     rays = 1200 * 1024 * 4
     assert rays_to_average(600_000, rays) == 4
     assert rays_to_average(47_000, rays) == 20
-    assert rays_to_average(1, rays) == rays_to_average(0, rays) == MOST_RAYS
+    assert rays_to_average(1, rays) == rays_to_average(0, rays) == MOST_TRAINING_RAYS
 
 
 def test_thin_parts_are_given_more_rays_and_solid_bodies_none():

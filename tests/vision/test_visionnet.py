@@ -10,7 +10,7 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white
-from objectfolder.vision.environment import NAMES, Environment, named_map
+from objectfolder.vision.environment import ENVIRONMENTS, Environment, named_map
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.render_request import Shots, unit_scene
 from objectfolder.vision.truth.views import simulate_views
@@ -61,7 +61,10 @@ def test_held_out_views_are_far_better_than_the_trivial_answers(views, fitted):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [NAMES[0], *(pytest.param(name, marks=pytest.mark.release("objectfolder.vision")) for name in NAMES[1:])],
+    [
+        ENVIRONMENTS[0],
+        *(pytest.param(name, marks=pytest.mark.release("objectfolder.vision")) for name in ENVIRONMENTS[1:]),
+    ],
 )
 def test_in_an_environment_it_is_as_cycles_shows_it(views, fitted, name):
     cameras = look_at(np.array([[1.5, -1.7, 1.0], [-1.2, 0.9, -1.8]]))

@@ -15,7 +15,7 @@ Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 FOUR_PI = 4 * math.pi
 IN_PLANE = 1e-9  # edges from a triangle's plane below which a point is in it
-TILE = 32  # rows and columns of a tile of a matrix
+MATRIX_TILE = 32  # rows and columns of a tile of a matrix
 
 
 @kernel
@@ -190,10 +190,10 @@ def fill_far(
     flow, uneven = flows
     count, modes = flow.shape
     # In tiles, for the entries across the diagonal to lie close to one another in memory.
-    for tile_i in range(0, count, TILE):
-        for tile_j in range(0, tile_i + 1, TILE):
-            for i in range(tile_i, min(tile_i + TILE, count)):
-                for j in range(tile_j, min(tile_j + TILE, i + 1)):
+    for tile_i in range(0, count, MATRIX_TILE):
+        for tile_j in range(0, tile_i + 1, MATRIX_TILE):
+            for i in range(tile_i, min(tile_i + MATRIX_TILE, count)):
+                for j in range(tile_j, min(tile_j + MATRIX_TILE, i + 1)):
                     if slots[i, j] >= 0:
                         double[i, j] = double[j, i] = 0.0
                         bending[i, j] = bending[j, i] = 0.0

@@ -35,9 +35,9 @@ Complexes = NDArray[np.complex128]
 Singles = NDArray[np.complex64]
 Integers = NDArray[np.int64]
 # Edges within which static fields are integrated over triangles, and within which the waves are.
-NEAR, NEAR_WAVES = 4.0, 3.0
+NEAR_EDGES, NEAR_WAVES = 4.0, 3.0
 CLOSE = 1.5  # edges between centres of triangles below which the outer integral has the finer rule
-RULE = (np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6, np.full(3, 1 / 3))
+QUADRATURE = (np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6, np.full(3, 1 / 3))
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Elements:
         self, order: int, wavenumber: float, pressures: Singles, motions: NDArray[Any] | slice
     ) -> Complexes:
         """Outgoing multipoles (multipoles, k) about `centre_m` of what `solve` returned."""
-        surface, hats = self.surface, RULE[0]
+        surface, hats = self.surface, QUADRATURE[0]
 
         def at_points(corners: NDArray[Any]) -> NDArray[Any]:
             return np.einsum("qa,tak->tqk", hats, corners).reshape(3 * len(corners), -1)
@@ -136,7 +136,7 @@ class Elements:
     @cached_property
     def _points(self) -> Floats:
         """Points (t, 3, 3) of the rule in each triangle."""
-        return np.einsum("qa,tak->tqk", RULE[0], self.surface.vertices[self.surface.faces])
+        return np.einsum("qa,tak->tqk", QUADRATURE[0], self.surface.vertices[self.surface.faces])
 
     @cached_property
     def _angular(self) -> Singles:
@@ -181,7 +181,7 @@ class Elements:
     @cached_property
     def _near(self) -> tuple[NDArray[np.int32], Integers, Integers]:
         """Numbers (n, n) of entries that are integrated, -1 for others; their rows and columns."""
-        return self._entries(NEAR)
+        return self._entries(NEAR_EDGES)
 
     @cached_property
     def _inner(self) -> NDArray[np.int32]:
@@ -232,7 +232,7 @@ class Elements:
             self._gradients,
             close,
             _twelve(),
-            RULE,
+            QUADRATURE,
             slots,
             self.velocity,
             operators,

@@ -21,7 +21,7 @@ from objectfolder.products.store import Array, Product
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-HIGHEST_ORDER = 48
+HIGHEST_MULTIPOLE = 48
 DENSITY_KG_M3, SOUND_SPEED_M_S = 1.204, 343.2  # of air at 20 degrees Celsius and 1013 hPa
 
 
@@ -85,7 +85,7 @@ def count_of(order: int) -> int:
 
 def order_for(wavenumber_radius: float) -> int:
     """Highest order that a surface within a radius radiates to 1e-3 of the whole."""
-    return min(HIGHEST_ORDER, int(np.ceil(wavenumber_radius + 2.5 * np.cbrt(wavenumber_radius) + 3)))
+    return min(HIGHEST_MULTIPOLE, int(np.ceil(wavenumber_radius + 2.5 * np.cbrt(wavenumber_radius) + 3)))
 
 
 def orders_of(count: int) -> NDArray[np.int64]:

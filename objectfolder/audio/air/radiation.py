@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from objectfolder.audio.air.helmholtz import RULE, Elements
+from objectfolder.audio.air.helmholtz import QUADRATURE, Elements
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S, Radiation, count_of, order_for
 from objectfolder.audio.air.remeshing import remeshed
 from objectfolder.surface.bounding_boxes import closest_barycentric
@@ -18,16 +18,16 @@ Integers = NDArray[np.int64]
 Shapes = Callable[[Integers, Floats], Floats]
 
 PER_WAVELENGTH = 9.0  # least elements
-MOST_VERTICES = 2500  # of the finest elements
+ELEMENT_VERTICES = 2500  # of the finest elements
 AREA_PER_VERTEX = 1.8  # edges^2 over the area of a vertex: 1.15 were all triangles of that edge
 COARSER = 1.6  # edges of one level over those of the next finer
-COMPARED = 1.4  # edges of the elements that a solution is compared with over its own
+COARSER_EDGES = 1.4  # edges of the elements that a solution is compared with over its own
 CAUTION = 1.5  # stated error over the difference of the two, chosen on a sphere and a bell
 GOOD = 0.05  # stated error above which a mode has finer elements, where there are
 MISFIT = 0.06  # of velocities on elements, before they are mended, up to which a mode has them
-MENDED = 4  # times the means of velocities over patches
-TOGETHER = 0.04  # of wavenumbers solved at once times the object's radius, from least to largest
-AT_ONCE = 4096  # faces whose shapes are read at once
+PATCH_ROUNDS = 4  # times the means of velocities over patches
+WAVENUMBER_GROUP = 0.04  # of wavenumbers solved at once times the object's radius, from least to largest
+FACES_AT_ONCE = 4096  # faces whose shapes are read at once
 
 
 def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiation:
@@ -71,7 +71,7 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
         modes = tried[good]
         if len(modes) == 0:
             continue
-        coarse = remeshed(surface, COMPARED * edge_m)
+        coarse = remeshed(surface, COARSER_EDGES * edge_m)
         coarsely = velocities_on_elements(coarse, surface, shapes, points, true, modes)[0]
         elements = (
             Elements(mesh, velocity[:, :, good], centre, highest),
@@ -105,14 +105,14 @@ def together(phases: Floats) -> Iterator[Integers]:
     order = np.argsort(phases, kind="stable")
     start = 0
     while start < len(order):
-        stop = int(np.searchsorted(phases[order], TOGETHER + phases[order[start]], side="right"))
+        stop = int(np.searchsorted(phases[order], WAVENUMBER_GROUP + phases[order[start]], side="right"))
         yield order[start:stop]
         start = stop
 
 
 def _levels(area: float) -> list[tuple[float, bool]]:
     """Edges of elements, metres, coarse to fine, and whether they are the finest."""
-    finest = float(np.sqrt(AREA_PER_VERTEX * area / MOST_VERTICES))
+    finest = float(np.sqrt(AREA_PER_VERTEX * area / ELEMENT_VERTICES))
     return [(finest * COARSER**step, step == 0) for step in (2, 1, 0)]
 
 
@@ -141,8 +141,8 @@ def _normal_velocity(
     own = surface.face_normals[face]
     normals = np.where((own * normals).sum(axis=1, keepdims=True) > 0.5, own, normals)
     parts = []
-    for start in range(0, len(face), AT_ONCE):
-        chunk = slice(start, start + AT_ONCE)
+    for start in range(0, len(face), FACES_AT_ONCE):
+        chunk = slice(start, start + FACES_AT_ONCE)
         parts.append(np.einsum("nk,nkm->nm", normals[chunk], shapes(face[chunk], barycentric[chunk])))
     return np.concatenate(parts)
 
@@ -164,15 +164,17 @@ def velocities_on_elements(
     one that it has not.
     """
     true = every[:, modes]
-    within = np.einsum("qa,tak->tqk", RULE[0], mesh.vertices[mesh.faces]).reshape(-1, 3)
+    within = np.einsum("qa,tak->tqk", QUADRATURE[0], mesh.vertices[mesh.faces]).reshape(-1, 3)
     normals, places = np.repeat(mesh.face_normals, 3, axis=0), _nearest(surface, within)
     at_points = _normal_velocity(surface, lambda *place: shapes(*place)[:, :, modes], places, normals)
-    velocity = np.einsum("cq,tqm->tcm", np.linalg.inv(RULE[0]), at_points.reshape(len(mesh.faces), 3, -1))
+    velocity = np.einsum(
+        "cq,tqm->tcm", np.linalg.inv(QUADRATURE[0]), at_points.reshape(len(mesh.faces), 3, -1)
+    )
     means = _PatchMeans(mesh, surface.face_areas, *_nearest(mesh, points))
     size = np.sqrt(np.maximum(surface.face_areas @ true**2, 1e-300))
     missing = means.missing(true, velocity)
     misfit = means.norm(missing) / size
-    for _ in range(MENDED):
+    for _ in range(PATCH_ROUNDS):
         velocity = velocity + missing[mesh.faces]
         missing = means.missing(true, velocity)
     flow = np.einsum("t,tcm->m", mesh.face_areas / 3, velocity)

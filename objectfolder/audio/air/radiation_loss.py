@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 IMPEDANCE = DENSITY_KG_M3 * SOUND_SPEED_M_S
 # Vertices of the elements by their area. Rims and handles get more: edges are then made longer, each time by
 # this factor, until there are `MOST_VERTICES` at most.
-VERTICES, MOST_VERTICES, LONGER = 700, 600, 1.15
+LOSS_VERTICES, MOST_VERTICES, LONGER = 700, 600, 1.15
 # Steps from one solved wavenumber to the next: the larger of a phase across the object's radius and a share.
 PHASE_STEP, SHARE_STEP = 0.3, 0.12
 
@@ -79,7 +79,7 @@ def radiation_dampings(surface: Surface, shapes: Shapes, frequencies_hz: Floats)
 
 def _coarse(surface: Surface) -> Surface:
     """Few triangles on a surface."""
-    edge_m = float(np.sqrt(AREA_PER_VERTEX * surface.area / VERTICES))
+    edge_m = float(np.sqrt(AREA_PER_VERTEX * surface.area / LOSS_VERTICES))
     mesh = remeshed(surface, edge_m)
     while len(mesh.vertices) > MOST_VERTICES and edge_m < np.ptp(surface.bounds, axis=0).max():
         edge_m *= LONGER

@@ -10,7 +10,7 @@ from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-SHARE = 0.4  # of the triangles, left by edge collapse; halving of long edges adds the rest
+COLLAPSED_SHARE = 0.4  # of the triangles, left by edge collapse; halving of long edges adds the rest
 SAME_PLACE = 1e-7  # of the longest side, below which corners of faces are one
 LONGEST = 1.6  # edges, of an edge that stays
 
@@ -24,7 +24,7 @@ def remeshed(surface: Surface, edge_m: float) -> Surface:
     import pyvista  # which a query of an Object File does without
 
     surface = joined(surface)
-    wanted = SHARE * surface.area / (np.sqrt(3) / 4 * edge_m**2)
+    wanted = COLLAPSED_SHARE * surface.area / (np.sqrt(3) / 4 * edge_m**2)
     if wanted < len(surface.faces):
         mesh = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
         less = mesh.decimate(1 - wanted / len(surface.faces), volume_preservation=True)

@@ -28,15 +28,17 @@ from objectfolder.products.stored_values import number, numbers
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Integers = NDArray[np.int64]
-ERROR = 0.005  # of rounding, relative, that is asked for
-MOST_BYTES = 100_000
-PREFIX = "audio.transfer_"
-TENSORS = tuple(PREFIX + name for name in ("wavenumbers", "orders", "steps", "coefficients", "residuals"))
+ROUNDING_ERROR = 0.005  # of rounding, relative, that is asked for
+TRANSFER_BYTES = 100_000
+TENSOR_PREFIX = "audio.transfer_"
+TENSOR_NAMES = tuple(
+    TENSOR_PREFIX + name for name in ("wavenumbers", "orders", "steps", "coefficients", "residuals")
+)
 LARGEST_M = 1e6
 LARGEST_STEP = 1e15
 WAVENUMBERS = (1e-3, 1e4)  # of a mode that rings
 LARGEST_COEFFICIENTS = 1 << 22
-REMEDY = "Make it again."
+TRANSFER_REMEDY = "Make it again."
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class AirTransfer:
     residuals: NDArray[np.float32]
 
     @classmethod
-    def of(cls, radiation: Radiation, most_bytes: int = MOST_BYTES) -> "AirTransfer":
-        """Round multipoles, to `ERROR` or as finely as `most_bytes` allow.
+    def of(cls, radiation: Radiation, most_bytes: int = TRANSFER_BYTES) -> "AirTransfer":
+        """Round multipoles, to `ROUNDING_ERROR` or as finely as `most_bytes` allow.
 
         Examples
         --------
@@ -73,7 +75,7 @@ class AirTransfer:
         >>> bool(abs(abs(pressure[0]) - 0.05 / np.sqrt(4 * np.pi)) < 1e-3)
         True
         """
-        error = ERROR
+        error = ROUNDING_ERROR
         while True:
             found = cls._rounded(radiation, error)
             if sum(tensor.nbytes for tensor in found.tensors().values()) <= most_bytes:
@@ -164,7 +166,7 @@ class AirTransfer:
             "coefficients": pack_integers(zigzag(self.whole)),
             "residuals": self.residuals,
         }
-        return {PREFIX + name: tensor for name, tensor in stored.items()}
+        return {TENSOR_PREFIX + name: tensor for name, tensor in stored.items()}
 
     def metadata(self) -> dict[str, Any]:
         """Return the JSON-able rest."""
@@ -189,20 +191,24 @@ class AirTransfer:
         if not (
             (wavenumbers == 0) | ((wavenumbers >= WAVENUMBERS[0]) & (wavenumbers <= WAVENUMBERS[1]))
         ).all():
-            raise FormatError(PREFIX + "wavenumbers", "out of range, or not finite", REMEDY)
+            raise FormatError(TENSOR_PREFIX + "wavenumbers", "out of range, or not finite", TRANSFER_REMEDY)
         allowed = [order_for(k * radius) if k > 0 else 0 for k in wavenumbers]
         count = int(((orders + 1) ** 2).sum())
         if (orders > allowed).any() or count > LARGEST_COEFFICIENTS:
-            raise FormatError(PREFIX + "orders", f"above what {radius:.3g} m radiate", REMEDY)
+            raise FormatError(TENSOR_PREFIX + "orders", f"above what {radius:.3g} m radiate", TRANSFER_REMEDY)
         for name, largest in (("steps", LARGEST_STEP), ("residuals", LARGEST_STEP)):
             if not ((known[name] >= 0) & (known[name] <= largest)).all():
-                raise FormatError(PREFIX + name, "negative, not finite or too large", REMEDY)
+                raise FormatError(TENSOR_PREFIX + name, "negative, not finite or too large", TRANSFER_REMEDY)
         try:
             whole = unzigzag(unpack_integers(known["coefficients"], 2 * count))
         except ValueError as error:
-            raise FormatError(PREFIX + "coefficients", f"damaged ({error})", REMEDY) from error
+            raise FormatError(
+                TENSOR_PREFIX + "coefficients", f"damaged ({error})", TRANSFER_REMEDY
+            ) from error
         if (known["steps"][~rings] != 0).any() or np.abs(whole).max(initial=0) > LARGEST_STEP:
-            raise FormatError(PREFIX + "coefficients", "too large, or of a mode that does not ring", REMEDY)
+            raise FormatError(
+                TENSOR_PREFIX + "coefficients", "too large, or of a mode that does not ring", TRANSFER_REMEDY
+            )
         return cls(centre, radius, wavenumbers, orders, known["steps"], whole, known["residuals"])
 
 
@@ -217,9 +223,11 @@ def _known(tensors: Mapping[str, np.ndarray], modes: int) -> dict[str, np.ndarra
     }
     known = {}
     for name, (shape, kind) in expected.items():
-        tensor = tensors.get(PREFIX + name)
+        tensor = tensors.get(TENSOR_PREFIX + name)
         if tensor is None or tensor.dtype != kind or (tensor.shape != shape if shape else tensor.ndim != 1):
             found = "missing" if tensor is None else f"{tensor.dtype} {tensor.shape}"
-            raise FormatError(PREFIX + name, f"{found}, not {np.dtype(kind)} {shape or '(n,)'}", REMEDY)
+            raise FormatError(
+                TENSOR_PREFIX + name, f"{found}, not {np.dtype(kind)} {shape or '(n,)'}", TRANSFER_REMEDY
+            )
         known[name] = tensor
     return known

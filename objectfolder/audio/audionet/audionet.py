@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.air.transfer import TENSORS as TRANSFER_TENSORS
+from objectfolder.audio.air.transfer import TENSOR_NAMES as TRANSFER_TENSORS
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.audionet.surface_kernel import (
     KernelParameters,
@@ -41,8 +41,8 @@ MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")
 RADIATION = "radiation_dampings_per_s"  # not in a file whose radiation was not solved
 # Rows of one matrix product. A row's answer must not depend on how many others there are, and the order in
 # which a product adds up may depend on its shape: every product has this one.
-ROWS = 16
-MOST_SHOWN = 20  # modes in a notebook
+PRODUCT_ROWS = 16
+NOTEBOOK_MODES = 20  # modes in a notebook
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16
 LARGEST_POINTS = 3000  # no fit takes more
@@ -115,7 +115,7 @@ class AudioNet:
 
     def _repr_html_(self) -> str:
         """Return the lowest modes for a notebook: frequency, time in which it falls by 60 dB, loss factor."""
-        listed = list(zip(self.frequencies_hz, self.t60_s, self.loss_factors, strict=True))[:MOST_SHOWN]
+        listed = list(zip(self.frequencies_hz, self.t60_s, self.loss_factors, strict=True))[:NOTEBOOK_MODES]
         rows = "".join(f"<tr><td>{hertz:.1f}<td>{fall_s:.3g}<td>{eta:.2g}" for hertz, fall_s, eta in listed)
         said = html.escape(self.absent or f"{len(self.frequencies_hz)} modes")
         return f"<div>{said}</div><table><tr><th>Hz<th>T60, s<th>loss factor{rows}</table>"
@@ -189,9 +189,9 @@ class AudioNet:
         if modes and count:
             centres, weights = self._prepared
             features = self._kernel.features(places.face, places.barycentric)
-            block = np.zeros((ROWS, features.shape[1]))
-            for start in range(0, count, ROWS):
-                rows = min(ROWS, count - start)
+            block = np.zeros((PRODUCT_ROWS, features.shape[1]))
+            for start in range(0, count, PRODUCT_ROWS):
+                rows = min(PRODUCT_ROWS, count - start)
                 block[:rows] = features[start : start + rows]
                 result[start : start + rows] = (self._kernel.covariance(block, centres) @ weights)[:rows]
             self._correct(result, places.face, places.barycentric)

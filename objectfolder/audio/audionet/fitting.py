@@ -38,17 +38,17 @@ Flags = NDArray[np.bool_]
 CONTROL_POINTS = (60, 120, 240, 400, 640, 1000, 1500, 2000, 3000)
 # With so many, more bring less than they cost where they fill this share of the bytes, or where corrections
 # bring the error down to this share.
-MANY, ROOM_USED, MENDED = 2000, 0.7, 0.5
+MANY_POINTS, ROOM_USED, CORRECTION_RATIO = 2000, 0.7, 0.5
 # So many control points are spread evenly; more go where the fit to these is worst.
 SPREAD = 640
 # Training points over which the local error of a fit is the mean.
-NEIGHBOURS = 8
+ERROR_NEIGHBOURS = 8
 # Control points for which kernels are compared.
-COMPARED = 320
+KERNEL_CONTROL_POINTS = 320
 POINTS_COMPARED = 3000
 # More control points than a quarter of the training points fit the points rather than the field between.
 LEAST_POINTS_A_CONTROL = 4
-GROUP = 16
+GROUP_MODES = 16
 CHECKED, JUDGED = (7, 15), 3  # of a group of training points
 DETOUR_DIMENSIONS = 5
 # Detours narrower than this share of the object's size part nothing.
@@ -139,12 +139,12 @@ def _fit_fields(
     surface: Surface, data: Data, goal: float, room: int
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Tensors of the fields without prefix, and kernel, dimensions and error as metadata."""
-    place = np.arange(len(data.values)) % GROUP
+    place = np.arange(len(data.values)) % GROUP_MODES
     checks = np.isin(place, CHECKED)
     tested, judged = data.part(checks), data.part(place == JUDGED)
     fitted = data.part(~checks & (place != JUDGED))
     most = max(1, len(data.values) // LEAST_POINTS_A_CONTROL)
-    detours, kernel = _choose_kernel(surface, fitted, tested, min(COMPARED, most))
+    detours, kernel = _choose_kernel(surface, fitted, tested, min(KERNEL_CONTROL_POINTS, most))
     stream = encode_detours(detours, size_of(surface))
     first, weight, system = _fit_smooth(kernel, fitted, tested, most, goal, room - len(stream))
     more = equations(first.basis, tested.joined(judged))
@@ -192,10 +192,13 @@ def _fit_smooth(
         fields = Fields(basis, solve(*system))
         if not len(tested.values) or _reached(fields, tested, goal):
             return fields, None, system
-        if count >= MANY or count == counts[-1]:
+        if count >= MANY_POINTS or count == counts[-1]:
             corrected, weight = _corrected(fields, fitted, tested)
             error, left = (_errors(one, tested)[0] for one in (fields, corrected))
-            if left < MENDED * error or bytes_rounded(fields, ROUNDING_SHARE * error) > ROOM_USED * room:
+            if (
+                left < CORRECTION_RATIO * error
+                or bytes_rounded(fields, ROUNDING_SHARE * error) > ROOM_USED * room
+            ):
                 break
         if count >= len(every) and count < counts[-1]:
             misfit = fitted.weights[:, None] * (fields.at(fitted) - fitted.values)
@@ -277,7 +280,7 @@ def _places(kernel: SurfaceKernel, data: Data) -> Floats:
 
 def _more_where_worst(place: Floats, chosen: Integers, squared_misfit: Floats, count: int) -> Integers:
     """Points `chosen` and more up to `count`: each the largest distance to others x misfit^1/2."""
-    near = cKDTree(place).query(place, min(NEIGHBOURS, len(place)))[1].reshape(len(place), -1)
+    near = cKDTree(place).query(place, min(ERROR_NEIGHBOURS, len(place)))[1].reshape(len(place), -1)
     weight = np.sqrt(squared_misfit[near].mean(axis=1))
     return np.concatenate([chosen, farthest_points(place, count - len(chosen), weight, place[chosen])])
 

@@ -20,7 +20,7 @@ Integers = NDArray[np.int64]
 
 LANDMARKS = 100
 LONGEST_EDGE = 1 / 24  # of the object's size
-MOST_VERTICES = 20_000
+GEODESIC_VERTICES = 20_000
 STRAIGHTENING = 0.85  # a straight way over its path along edges
 
 
@@ -42,7 +42,7 @@ def geodesic_embedding(surface: Surface, dimensions: int) -> tuple[Floats, Float
         (dimensions,) metres, root mean square of each coordinate over the landmarks.
     """
     size = float(np.ptp(surface.bounds, axis=0).max())
-    fine = Surface(*subdivide(surface.vertices, surface.faces, LONGEST_EDGE * size, MOST_VERTICES))
+    fine = Surface(*subdivide(surface.vertices, surface.faces, LONGEST_EDGE * size, GEODESIC_VERTICES))
     used = np.unique(fine.faces)
     marks = used[farthest_points(fine.vertices[used], min(LANDMARKS, len(used)))]
     within = dijkstra(_graph(fine, size), directed=False, indices=marks)

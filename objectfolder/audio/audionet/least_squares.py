@@ -21,9 +21,9 @@ Equations = tuple[Floats, Floats, Floats]
 MOST_POINTS_A_CONTROL = 6  # more add next to nothing
 # Variance of what training values have beyond the kernel's fields, of a kernel of variance 1: it holds
 # functions that hardly any point has seen.
-NOISE = 1e-6
+NOISE_VARIANCE = 1e-6
 # Points that move less than this share of the rms count as if they moved by it: some hardly move at all.
-QUIET = 0.1
+STILL_SHARE = 0.1
 # A point weighs as 1 over its motion to this power: 0 is for the mean over all, 1 for each point's own.
 EVENNESS = 0.5
 
@@ -69,7 +69,7 @@ class Data:
 def sizes(values: Floats) -> Floats:
     """Norms of the values (n, columns) at each point (n,), those of quiet points as if not so quiet."""
     size = np.linalg.norm(values, axis=1)
-    return np.maximum(size, max(QUIET * float(np.sqrt(np.mean(size**2))), 1e-300))
+    return np.maximum(size, max(STILL_SHARE * float(np.sqrt(np.mean(size**2))), 1e-300))
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def equations(basis: Basis, data: Data) -> Equations:
         columns = dtrmm(1.0, inverse.T, covariance.T, lower=1, overwrite_b=1)
         normal = dsyrk(1.0, columns, beta=1.0, c=normal, overwrite_c=1)
         right += columns @ (part.values * part.weights[:, None])
-    return normal, right, NOISE * inverse.T @ kernel.covariance(centres, centres) @ inverse
+    return normal, right, NOISE_VARIANCE * inverse.T @ kernel.covariance(centres, centres) @ inverse
 
 
 def solve(normal: Floats, right: Floats, prior: Floats) -> Floats:

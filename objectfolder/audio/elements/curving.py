@@ -44,12 +44,12 @@ LEAST_BEND = 2e-3
 # Smallest Jacobian of a bent element over that of the straight one; then with moved corners over before.
 LEAST_JACOBIAN, LEAST_SHRINKING = 0.1, 0.4
 # Share of the shortest edge at a boundary point that the point may move by.
-FARTHEST = 0.5
+MOVE_SHARE = 0.5
 # Edges of a folded element that are straightened, by their bend over that of the most bent one, and the
 # factor to their bends; then all are made straight, until none is folded.
 UNFOLDING = ((0.7, 0.5),) * 4 + ((0.0, 0.5),) * 3
 STRAIGHT = (0.0, 0.0)
-CHUNK = 2000  # elements whose Jacobians are looked at together
+ELEMENTS_AT_ONCE = 2000  # elements whose Jacobians are looked at together
 # Points along each side with which edges are bent and faces fitted.
 DIVISIONS = 4
 FITS = 3
@@ -133,7 +133,7 @@ def _snap_vertices(space: Space, boundary: _Boundary, facing: FacingTarget) -> t
     """Geometry with boundary vertices on the surface as far as elements bear; which are at creases."""
     vertex = boundary.vertices
     positions = space.geometry[: space.vertex_count]
-    reach = FARTHEST * boundary.shortest[vertex]
+    reach = MOVE_SHARE * boundary.shortest[vertex]
     moved, _, found = facing.places(positions[vertex], boundary.vertex_normals, reach)
     at_crease, creased = facing.creases(positions[vertex], reach / 2)
     creased &= np.isin(vertex, boundary.edges[boundary.sharp])
@@ -162,7 +162,7 @@ def _bend(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTar
     ends = geometry[boundary.edges]
     along = np.arange(1, 2 * DIVISIONS) / (2 * DIVISIONS)
     many = len(along)
-    reach = np.repeat(FARTHEST / 2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), many)
+    reach = np.repeat(MOVE_SHARE / 2 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), many)
     on_edge = np.stack([1 - along, along, 0 * along, 0 * along], axis=1)
     points = np.einsum("pk,nkd->npd", on_edge[:, :2], ends)
     flat = points.reshape(-1, 3)
@@ -241,7 +241,7 @@ def _fit(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarg
     size = np.linalg.norm(area, axis=2)
     outward = area / np.maximum(size, 1e-300)[:, :, None]
     many = len(points)
-    reach = np.repeat(FARTHEST / 2 * boundary.lengths[boundary.sides].min(axis=1), many)
+    reach = np.repeat(MOVE_SHARE / 2 * boundary.lengths[boundary.sides].min(axis=1), many)
     places, normals, found = facing.places(here.reshape(-1, 3), outward.reshape(-1, 3), reach)
     gap = np.einsum("id,id->i", places - here.reshape(-1, 3), normals)
     found &= np.abs(gap) <= reach
@@ -340,11 +340,11 @@ def least_jacobian(shape: Floats) -> Floats:
     """
     slopes, ordinates = _cubic_ordinates()
     least = np.empty(len(shape))
-    for start in range(0, len(shape), CHUNK):
-        some = shape[start : start + CHUNK]
+    for start in range(0, len(shape), ELEMENTS_AT_ONCE):
+        some = shape[start : start + ELEMENTS_AT_ONCE]
         jacobian = np.linalg.det(np.einsum("qik,tid->tqkd", slopes, some, optimize=True))
         straight = np.linalg.det(some[:, 1:4] - some[:, :1])
-        least[start : start + CHUNK] = (jacobian @ ordinates.T / straight[:, None]).min(axis=1)
+        least[start : start + ELEMENTS_AT_ONCE] = (jacobian @ ordinates.T / straight[:, None]).min(axis=1)
     return least
 
 

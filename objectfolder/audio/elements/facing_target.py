@@ -18,14 +18,14 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Found = NDArray[np.bool_]
 CANDIDATES = 12
-SAMPLES = 60_000
+TARGET_SAMPLES = 60_000
 # Degrees between faces at a sharp edge.
 SHARP_TURN = 35.0
 # Degrees between faces up to which they stand for a round surface, and from which on they are what they say:
 # sixteen sides are round, an octagon is an octagon.
 ROUND, FACETED = 24.0, 34.0
 # Depth of a face over that of the next one around a turn, from which on it is flat: the turn is a bevel's.
-EVEN, BEVELLED = 2.0, 4.0
+BEVEL_RATIO, BEVELLED = 2.0, 4.0
 FLAT_TURN = 2.0
 LEAST_FACING = 0.3  # cosine between a normal given and that of a place
 NEAREST_CREASES = 4
@@ -43,7 +43,7 @@ class FacingTarget:
     def __init__(self, surface: Surface) -> None:
         self._surface = surface
         self._triangles, self._normals = surface.vertices[surface.faces], _corner_normals(surface)
-        extra = surface.sample(SAMPLES, 0)
+        extra = surface.sample(TARGET_SAMPLES, 0)
         self._points = np.concatenate([self._triangles.mean(axis=1), extra.points])
         self._faces = np.concatenate([np.arange(len(surface.faces)), extra.face])
         self._trees: dict[float, cKDTree] = {}
@@ -132,7 +132,7 @@ def _corner_normals(surface: Surface) -> Floats:
     np.maximum.at(largest, own, np.where(ramp > 0, area, 0.0))
     share = BEVELLED * area / np.maximum(largest[own], 1e-300)
     weight = corner_angles(surface.vertices, surface.faces).ravel()[other] * ramp * ramp * (3 - 2 * ramp)
-    weight *= np.clip((share - 1) / (BEVELLED / EVEN - 1), 0.0, 1.0)
+    weight *= np.clip((share - 1) / (BEVELLED / BEVEL_RATIO - 1), 0.0, 1.0)
     total = np.stack(
         [np.bincount(own, weight * normals[other // 3, axis], len(vertex)) for axis in range(3)], 1
     )
@@ -161,5 +161,5 @@ def _roundness(surface: Surface, first: Integers, second: Integers, turn_deg: Fl
     for here, there in ((one, other), (other, one)):
         np.maximum.at(widest, here, turn)
         np.maximum.at(deepest, here, area[here] / area[there])
-    even = np.clip((BEVELLED - deepest) / (BEVELLED - EVEN), 0.0, 1.0)
+    even = np.clip((BEVELLED - deepest) / (BEVELLED - BEVEL_RATIO), 0.0, 1.0)
     return np.asarray(np.clip((FACETED - widest) / (FACETED - ROUND), 0.0, 1.0) * even)

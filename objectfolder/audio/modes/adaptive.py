@@ -37,7 +37,7 @@ USUAL_ORDER, FEW_FUNCTIONS, USUAL_CENTS = 4, 8_000, 5.0
 # it than these. On elements of half a bending wave, as a solid has them by default, few bodies gain as much.
 MUCH_GAINED_CENTS, MOST_FUNCTIONS = 50.0, 30_000
 # What a group of functions gains together over the sum of what each would gain alone, before it is measured.
-TOGETHER = 2.5
+GROUP_GAIN_RATIO = 2.5
 CENTS_PER_RELATIVE_EIGENVALUE = 600 / np.log(2)
 # Modes of a step start from those of the last one; some beyond those wanted keep the last of them clean. They
 # are looked for as far as this many times the limit, and taken along beyond those that order 2 has lower than
@@ -49,7 +49,7 @@ START_TOLERANCE = 1e-3
 # In the thinnest walls that one layer of elements carries, frequencies of order 2 were up to 50 % high,
 # eigenvalues 2.25 times. Bodies without a mode of order 2 below twice that times the limit are silent. For
 # others the first modes of orders 2 and 3 decide.
-SMALL, HEARD_BAND, FIRST_MODES = 9.0, 4.5, 4
+COMPACT_LIMIT, HEARD_BAND, FIRST_MODES = 9.0, 4.5, 4
 # Exponents with which the error may fall with the order, the slowest where only one step was made. With these
 # at least 95 % of the errors of bars, plates and bodies of revolution are below what is stated with the
 # geometry's, which is less than 5 times the error in the median.
@@ -113,7 +113,7 @@ class Choice:
     leading: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     foretold: Floats = field(default_factory=lambda: np.zeros(0))
     left_cents: Floats = field(default_factory=lambda: np.zeros(0))
-    together: float = TOGETHER
+    together: float = GROUP_GAIN_RATIO
 
 
 def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, wanted: Wanted) -> Spectrum:
@@ -174,7 +174,7 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wan
     chosen = matrices.space.orders <= order
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
     choice = Choice(matrices, chosen, order)
-    if wanted.below < SMALL:
+    if wanted.below < COMPACT_LIMIT:
         pencil = pencil_of(matrices, component, chosen, wanted.limits)
         if count_below(pencil, wanted.below) == 0:
             if _is_silent(choice, pencil, space, component, wanted):

@@ -24,7 +24,7 @@ RELATIVE_TOLERANCE = 1e-4
 """Eigenvalues this near to one another count as one: 0.09 cents in frequency."""
 
 FUNCTIONALS = 6
-PLANES = 5
+PLANE_COUNT = 5
 # A functional that parts the eigenvectors by this share of its size will do; else the best of all is taken.
 ENOUGH = 0.02
 # The real root of x^4 = x + 1: its inverse powers make a low-discrepancy sequence in three dimensions
@@ -152,8 +152,8 @@ def _signs(block: Floats, functionals: list[Functional], densities: list[Floats]
 
 def _functional(index: int) -> Functional:
     """The same numbers always; no two planes or axes parallel, none through the centre."""
-    start = index * (PLANES + 1) + 1
-    numbers = np.arange(start, start + PLANES + 1)
+    start = index * (PLANE_COUNT + 1) + 1
+    numbers = np.arange(start, start + PLANE_COUNT + 1)
     ratio = RATIO ** -np.arange(1, 4)
     height, turn, offset = np.modf(numbers[:, None] * ratio + 0.5)[0].T
     z = 2 * height - 1

@@ -14,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from objectfolder.audio.factorisation import AT_ONCE, Factorisation, shifted
+from objectfolder.audio.factorisation import RIGHT_SIDES_AT_ONCE, Factorisation, shifted
 from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.errors import UnsolvableError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-BLOCK, MOST_BLOCKS = 16, 400
+BLOCK_COLUMNS, MOST_BLOCKS = 16, 400
 # Random starts of the iteration, where its blocks become dependent.
 MOST_STARTS = 2
 # Unknowns up to which a dense solver is used.
 DENSE = 900
 # Rows of long vectors at a time, where a second copy of all of them would cost memory.
-ROWS = 16384
+COPY_ROWS = 16384
 # Of the first pass of Cholesky QR: with less, a second pass is orthonormal to rounding (Y. Yamamoto et al.,
 # "Roundoff error analysis of the CholeskyQR2 algorithm", ETNA 44, 2015).
 LARGEST_FIRST_LOSS = 5 / 64
@@ -66,7 +66,7 @@ class Pencil:
     def without_rigid(self, vectors: Floats) -> Floats:
         """Vectors (3 n, k) made M-orthogonal to the rigid motions, in place."""
         shares = self._mass_rigid.T @ vectors
-        for rows in parts(len(vectors), ROWS):
+        for rows in parts(len(vectors), COPY_ROWS):
             vectors[rows] -= self.rigid[rows] @ shares
         return vectors
 
@@ -82,7 +82,7 @@ class Pencil:
     def residuals(self, pairs: "Eigenpairs") -> Floats:
         """|K u - lambda M u| / |lambda M u|, (k,)."""
         result = np.empty(len(pairs.values))
-        for columns in parts(len(result), AT_ONCE):
+        for columns in parts(len(result), RIGHT_SIDES_AT_ONCE):
             vectors = np.ascontiguousarray(pairs.vectors[:, columns])
             inertia = weigh(self.mass, vectors) * pairs.values[columns]
             wrong = np.linalg.norm(self.stiffness @ vectors - inertia, axis=0)
@@ -253,12 +253,12 @@ class _Lanczos:
         self, pencil: Pencil, factors: Factorisation, at_most: int, generator: np.random.Generator
     ) -> None:
         self._pencil, self._factors = pencil, factors
-        start = pencil.without_rigid(factors.solve(generator.standard_normal((pencil.size, BLOCK))))
+        start = pencil.without_rigid(factors.solve(generator.standard_normal((pencil.size, BLOCK_COLUMNS))))
         self._next, self._remainder = orthonormalise(start, pencil.mass)
-        wanted = min(at_most, 4096) + 4 * BLOCK
+        wanted = min(at_most, 4096) + 4 * BLOCK_COLUMNS
         held = pencil.limits.vector_values / (2 * pencil.size)
-        self._capacity = int(max(min(wanted + 2 * min(at_most, 4096), held), wanted, 10 * BLOCK))
-        self._basis = np.empty((pencil.size, self._capacity + BLOCK), order="F")
+        self._capacity = int(max(min(wanted + 2 * min(at_most, 4096), held), wanted, 10 * BLOCK_COLUMNS))
+        self._basis = np.empty((pencil.size, self._capacity + BLOCK_COLUMNS), order="F")
         self._mass_basis = np.empty_like(self._basis)
         self._projected = np.zeros((0, 0))
 
@@ -268,17 +268,17 @@ class _Lanczos:
             self._pencil.limits.check_time()
             self._grow()
             width = len(self._projected)
-            full = width + BLOCK > self._capacity
-            if width > 16 * BLOCK and step % 3 and not full:
+            full = width + BLOCK_COLUMNS > self._capacity
+            if width > 16 * BLOCK_COLUMNS and step % 3 and not full:
                 continue  # the small eigenproblem is not free either
             theta, ritz = linalg.eigh(self._projected)
             theta, ritz = theta[::-1], ritz[:, ::-1]
-            residual = np.linalg.norm(self._remainder @ ritz[-BLOCK:], axis=0)
+            residual = np.linalg.norm(self._remainder @ ritz[-BLOCK_COLUMNS:], axis=0)
             wanted = _wanted(theta, shift, below, at_most)
             if wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted]):
                 return Eigenpairs(shift + 1 / theta[:wanted], self._basis[:, :width] @ ritz[:, :wanted])
             if full:
-                self._restart(theta, ritz, min(width - BLOCK, wanted + 2 * BLOCK))
+                self._restart(theta, ritz, min(width - BLOCK_COLUMNS, wanted + 2 * BLOCK_COLUMNS))
         raise UnsolvableError(
             "eigenvalue solver",
             f"no convergence after {MOST_BLOCKS} blocks of {self._pencil.size} unknowns",
@@ -287,20 +287,20 @@ class _Lanczos:
 
     def _grow(self) -> None:
         """Add the next block to the basis and find the one after it."""
-        width = len(self._projected) + BLOCK
-        here = slice(width - BLOCK, width)
+        width = len(self._projected) + BLOCK_COLUMNS
+        here = slice(width - BLOCK_COLUMNS, width)
         self._basis[:, here] = self._next
         self._mass_basis[:, here] = weigh(self._pencil.mass, self._next)
         image = self._pencil.without_rigid(self._factors.solve(self._mass_basis[:, here]))
-        coefficients = np.zeros((width, BLOCK))
+        coefficients = np.zeros((width, BLOCK_COLUMNS))
         for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
             part = self._mass_basis[:, :width].T @ image
             image -= self._basis[:, :width] @ part
             coefficients += part
         grown = np.zeros((width, width))
-        grown[:-BLOCK, :-BLOCK] = self._projected
-        grown[:, -BLOCK:] = coefficients
-        grown[-BLOCK:, :] = coefficients.T
+        grown[:-BLOCK_COLUMNS, :-BLOCK_COLUMNS] = self._projected
+        grown[:, -BLOCK_COLUMNS:] = coefficients
+        grown[-BLOCK_COLUMNS:, :] = coefficients.T
         self._projected = grown
         self._next, self._remainder = orthonormalise(self._pencil.without_rigid(image), self._pencil.mass)
 

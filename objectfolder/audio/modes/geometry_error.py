@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.solid.redundant_vertices import TOLERANCE
+from objectfolder.solid.redundant_vertices import SURFACE_TOLERANCE
 from objectfolder.solid.solid import Solid
 
 Floats = NDArray[np.float64]
@@ -44,12 +44,12 @@ def geometry_error_cents(solid: Solid, volume_m3: float, distance: Floats, wall_
     A plate's or a shell's bending frequencies are proportional to its thickness. Walls are thicker or thinner
     by the error of the volume, and here and there by the `distance` (n,) of points of the surface from the
     boundary of the elements, of which `OFF_SURFACE` does not average out. Both sides of a wall are known to
-    `TOLERANCE` of the longest side: noise of that size is another body. `error_estimates_cents` know nothing
-    of it: they are of the elements, whatever shape these were given.
+    `SURFACE_TOLERANCE` of the longest side: noise of that size is another body. `error_estimates_cents` know
+    nothing of it: they are of the elements, whatever shape these were given.
     """
     error = volume_error(solid, volume_m3).get("volume_error")
     if error is None:
         return None
     uneven = OFF_SURFACE * float(distance.mean()) if len(distance) else 0.0
-    noise = 2 * TOLERANCE * float(np.ptp(solid.vertices, axis=0).max())
+    noise = 2 * SURFACE_TOLERANCE * float(np.ptp(solid.vertices, axis=0).max())
     return float(1200 * (abs(np.log2(1 + error)) + np.log2(1 + (uneven + noise) / wall_m)))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from objectfolder.audio.factorisation import AT_ONCE, Factorisation
-from objectfolder.audio.modes.eigen import DENSE, ROWS, Eigenpairs, Pencil, lowest_elastic, parts, weigh
+from objectfolder.audio.factorisation import RIGHT_SIDES_AT_ONCE, Factorisation
+from objectfolder.audio.modes.eigen import COPY_ROWS, DENSE, Eigenpairs, Pencil, lowest_elastic, parts, weigh
 
 Floats = NDArray[np.float64]
 # Rounds for what only has to be nearly right.
@@ -88,7 +88,7 @@ def refine(
 def _unit(pencil: Pencil, vectors: Floats) -> Floats:
     """Vectors (3 n, k) without rigid motions and of unit mass, in place."""
     vectors = pencil.without_rigid(vectors)
-    for columns in parts(vectors.shape[1], AT_ONCE):
+    for columns in parts(vectors.shape[1], RIGHT_SIDES_AT_ONCE):
         part = np.ascontiguousarray(vectors[:, columns])
         vectors[:, columns] = part / np.sqrt(np.einsum("ij,ij->j", part, weigh(pencil.mass, part)))
     return vectors
@@ -117,11 +117,11 @@ class _Image:
     def of(cls, pencil: Pencil, factors: Factorisation, vectors: Floats) -> "_Image":
         """The images of vectors."""
         image, count = np.empty(vectors.shape), vectors.shape[1]
-        for columns in parts(count, AT_ONCE):
+        for columns in parts(count, RIGHT_SIDES_AT_ONCE):
             image[:, columns] = factors.solve(weigh(pencil.mass, np.ascontiguousarray(vectors[:, columns])))
         pencil.without_rigid(image)
         gram, across = np.empty((count, count)), np.empty((count, count))
-        for columns in parts(count, AT_ONCE):
+        for columns in parts(count, RIGHT_SIDES_AT_ONCE):
             weighed = weigh(pencil.mass, np.ascontiguousarray(image[:, columns]))
             gram[:, columns], across[:, columns] = image.T @ weighed, vectors.T @ weighed
         size = 1 / np.sqrt(np.diag(gram))
@@ -151,7 +151,7 @@ def _best_of_both(shift: float, values: Floats, vectors: Floats, image: _Image) 
 def _combined(into: Floats, *terms: tuple[Floats, Floats]) -> Floats:
     """Sum of blocks (n, a) times weights (a, k), k <= a, written over the first columns of a block."""
     into = into[:, : terms[0][1].shape[1]]
-    for rows in parts(len(into), ROWS):
+    for rows in parts(len(into), COPY_ROWS):
         into[rows] = sum(block[rows] @ weights for block, weights in terms)
     return into
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from objectfolder.errors import SimulationError
 
-VECTORS, FACTORS = 1 / 3, 2 / 3
+VECTOR_SHARE, FACTORS = 1 / 3, 2 / 3
 """Of the memory, at most: where one takes its share the other is far below it."""
 
 
@@ -35,7 +35,7 @@ class Limits:
     @property
     def vector_values(self) -> float:
         """Numbers of 8 bytes in the blocks of vectors of an iteration."""
-        return 1e9 * VECTORS * self.memory_gb / 8
+        return 1e9 * VECTOR_SHARE * self.memory_gb / 8
 
     def check_time(self) -> None:
         """Raise `SimulationError` when the time is over: another machine may get further."""

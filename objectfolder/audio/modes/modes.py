@@ -45,9 +45,9 @@ SOLVED, SPHERE = "solved", "sphere"
 # Of the band, unless others are asked for.
 MAX_FREQUENCY_HZ, MAX_MODES = 20_000.0, 256
 # How far a mode may be off, and what may be spent on it, unless others are asked for.
-ACCURACY_CENTS, HIGHEST_ORDER, MAX_UNKNOWNS = 5.0, 5, 180_000
+ACCURACY_CENTS, DEFAULT_ORDER, MAX_UNKNOWNS = 5.0, 5, 180_000
 # The error is estimated by comparing with a lower order, of which 2 is the lowest.
-ORDERS = range(3, HIGHEST_ORDER + 1)
+ORDERS = range(3, DEFAULT_ORDER + 1)
 TIME_LIMIT_S, MEMORY_LIMIT_GB = 600.0, 3.0
 
 
@@ -65,7 +65,7 @@ def simulate_modes(
     held_out_points: int,
     seed: int = 0,
     accuracy_cents: float = ACCURACY_CENTS,
-    highest_order: int = HIGHEST_ORDER,
+    highest_order: int = DEFAULT_ORDER,
     max_unknowns: int = MAX_UNKNOWNS,
     time_limit_s: float = TIME_LIMIT_S,
     memory_limit_gb: float = MEMORY_LIMIT_GB,
@@ -146,7 +146,7 @@ def modes_of_solid(
     held_out_points: int,
     seed: int,
     accuracy_cents: float = ACCURACY_CENTS,
-    highest_order: int = HIGHEST_ORDER,
+    highest_order: int = DEFAULT_ORDER,
     max_unknowns: int = MAX_UNKNOWNS,
     time_limit_s: float = TIME_LIMIT_S,
     memory_limit_gb: float = MEMORY_LIMIT_GB,

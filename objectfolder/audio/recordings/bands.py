@@ -13,7 +13,7 @@ WIDTH_HZ = 300.0
 # Samples a second of a band over its width: the filter passes one width to each side and stops at three.
 OVERSAMPLING = 4
 STOP_DB = 80.0
-LOWEST_HZ = 60.0
+LOWEST_BAND_HZ = 60.0
 NYQUIST_SHARE = 0.47  # of the sample rate, above which recorders filter
 
 
@@ -59,7 +59,7 @@ def bands(decay: Floats, silence: Floats, sample_rate_hz: float, max_frequency_h
         turned = samples * np.exp(-2j * np.pi * centre_hz / sample_rate_hz * np.arange(len(samples)))
         return np.asarray(signal.oaconvolve(turned, window, "valid")[::step])
 
-    for centre in np.arange(LOWEST_HZ, highest, WIDTH_HZ) + WIDTH_HZ / 2:
+    for centre in np.arange(LOWEST_BAND_HZ, highest, WIDTH_HZ) + WIDTH_HZ / 2:
         quiet = narrowed(silence, centre)
         noise = float((np.abs(quiet) ** 2).mean()) if len(quiet) else 0.0
         yield Band(float(centre), WIDTH_HZ, rate, narrowed(decay, centre), noise)

@@ -15,7 +15,7 @@ from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.modes import (
     ACCURACY_CENTS,
-    HIGHEST_ORDER,
+    DEFAULT_ORDER,
     MAX_MODES,
     MAX_UNKNOWNS,
     MEMORY_LIMIT_GB,
@@ -107,7 +107,7 @@ def body_of_solid(
     started = time.process_time() if started_s is None else started_s
     length = float(np.ptp(solid.vertices, axis=0).max())
     to_hz = material.shear_speed_m_s / length / (2 * np.pi)
-    space, _ = space_on(solid, HIGHEST_ORDER, length, bend=True)
+    space, _ = space_on(solid, DEFAULT_ORDER, length, bend=True)
     limits = Limits.from_now(MEMORY_LIMIT_GB, TIME_LIMIT_S)
     below = (max_frequency_hz / to_hz) ** 2
     request = Wanted(below, accuracy_cents, max_modes, MAX_UNKNOWNS, seed, limits)

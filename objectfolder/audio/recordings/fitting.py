@@ -19,8 +19,8 @@ POISSON_SPREAD, WALL_SPREAD = 0.03, 0.02
 # Cents that the shape leaves, beside the solver's error and the spread over recordings.
 SHAPE_CENTS = 3.0
 # Visible is what recordings narrow to this part of that spread, and move by this many of its deviations.
-VISIBLE, SIGNIFICANT = 0.5, 2.0
-ROUNDS = 20
+NARROWING, SIGNIFICANT = 0.5, 2.0
+FIT_ROUNDS = 20
 # A partial stays alone from this multiple of the rms of the others on, and not below these cents.
 ALONE_RMS, LEAST_ALONE_CENTS = 3.0, 6.0
 FEWEST_PARTIALS, FEWEST_SHARE = 3, 0.5
@@ -207,7 +207,7 @@ class _Solution:
         return abs(self.value(name)) / self.deviation(name)
 
     def is_visible(self, name: str) -> bool:
-        narrowed = self.deviation(name) < VISIBLE * self.prior[name]
+        narrowed = self.deviation(name) < NARROWING * self.prior[name]
         return narrowed and self.significance(name) > SIGNIFICANT
 
 
@@ -229,7 +229,7 @@ def _solve(
     values = np.array([start_cents, *(0.0 for _ in others)])
     spread = CENTS * partials.frequency_spread_hz / partials.frequencies_hz
     pairs, alone_cents = None, ALONE_CENTS
-    for _ in range(ROUNDS):
+    for _ in range(FIT_ROUNDS):
         modes_hz = body.frequencies_hz * np.exp(every @ values / CENTS)
         matching = match(partials.frequencies_hz, weights, modes_hz, alone_cents)
         again = (matching.partials.tolist(), matching.modes.tolist())

@@ -17,9 +17,9 @@ from objectfolder.audio.recordings.bands import Band, Complexes
 Floats = NDArray[np.float64]
 # The order is the number of eigenvalues of the covariance above this many times the largest that noise alone
 # would have, and above this part of the largest: decays are not exponential to more than that.
-ABOVE_NOISE, SHARE = 2.0, 3e-4
-MOST_ROWS = 330
-LONGEST_S, FEWEST_SAMPLES = 1.0, 40
+ABOVE_NOISE, EIGENVALUE_SHARE = 2.0, 3e-4
+HANKEL_ROWS = 330
+LONGEST_WINDOW_S, FEWEST_SAMPLES = 1.0, 40
 # A band is read while its power, over ten milliseconds, is this many times that of the noise.
 HEARD, HEARD_S = 8.0, 0.01
 
@@ -53,18 +53,18 @@ def poles(channels: Sequence[Band], first: int) -> Floats:
     noise = float(np.mean(noises)) if noises else 1.0
     decays = []
     for band in channels:
-        last = min(heard_samples(band), first + round(LONGEST_S * band.rate_hz))
+        last = min(heard_samples(band), first + round(LONGEST_WINDOW_S * band.rate_hz))
         if last - first >= FEWEST_SAMPLES:
             decays.append(band.decay[first:last] / np.sqrt(band.noise or noise))
     if not decays:
         return np.zeros((0, 3))
-    rows = min(max(len(samples) for samples in decays) // 3, MOST_ROWS)
+    rows = min(max(len(samples) for samples in decays) // 3, HANKEL_ROWS)
     decays = [samples for samples in decays if len(samples) > rows + rows // 2]
     spans = [linalg.hankel(samples[:rows], samples[rows - 1 :]) for samples in decays]
     hankel = np.concatenate(spans, axis=1)
     values, vectors = linalg.eigh(hankel @ hankel.conj().T)
     of_noise = bool(noises) * (np.sqrt(rows) + np.sqrt(hankel.shape[1])) ** 2
-    order = int(np.count_nonzero(values > max(ABOVE_NOISE * of_noise, SHARE * values[-1])))
+    order = int(np.count_nonzero(values > max(ABOVE_NOISE * of_noise, EIGENVALUE_SHARE * values[-1])))
     order = min(order, rows - 2)
     if order == 0:
         return np.zeros((0, 3))

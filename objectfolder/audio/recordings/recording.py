@@ -20,13 +20,13 @@ RISE, BEFORE_BLOCKS, JUST_BEFORE_BLOCKS = 4.0, 50, 3
 # Blows so near one another are one, which begins with the last of them.
 BOUNCE_BLOCKS = 20
 # Of the loudest block, below which nothing counts as a strike.
-QUIET = 1e-3
+SILENCE_SHARE = 1e-3
 # Equal samples in a row at the largest value of a file that is clipped, and how many of such samples.
 CLIPPED_RUN, CLIPPED_SAMPLES = 3, 6
 # Steps between silence and the peak, in decibels, below which quantisation hides partials.
 FEW_STEPS_DB = 48.0
 LEAST_S = 0.03  # of free decay
-LEAST_FALL_DB = 1.0  # from its first fifth to its last; noise stays within .2
+LEAST_DECAY_DB = 1.0  # from its first fifth to its last; noise stays within .2
 NOISE_S = 0.05  # of silence before a strike, at least, to know the noise from
 
 
@@ -106,7 +106,7 @@ def recording_of(
     Raises
     ------
     InputError
-        No strike, or less of its decay than `LEAST_S` or `LEAST_FALL_DB`.
+        No strike, or less of its decay than `LEAST_S` or `LEAST_DECAY_DB`.
     """
     samples = np.asarray(samples, dtype=np.float64)
     if not np.isfinite(samples).all():
@@ -139,7 +139,7 @@ def recording_of(
         raise InputError(name, why, "Record a whole decay, at a lower level.")
     powers = [float((part**2).mean()) for part in np.array_split(samples[start:end], 5)]
     fall_db = 10 * np.log10(powers[0] / max(powers[-1], 1e-30))
-    if fall_db < LEAST_FALL_DB:
+    if fall_db < LEAST_DECAY_DB:
         raise InputError(
             name,
             f"no strike: its level falls by {fall_db:.1f} dB from first to last",
@@ -175,7 +175,7 @@ def _strikes(samples: Floats, sample_rate_hz: float, name: str) -> tuple[NDArray
     padded = np.concatenate([np.zeros(BEFORE_BLOCKS), power])
     span = BEFORE_BLOCKS - JUST_BEFORE_BLOCKS + 1
     before = np.lib.stride_tricks.sliding_window_view(padded, span)[:count].max(axis=1)
-    rising = np.nonzero((power > RISE * before) & (power > QUIET * power.max()))[0]
+    rising = np.nonzero((power > RISE * before) & (power > SILENCE_SHARE * power.max()))[0]
     peak = int(power.argmax())
     near = rising[(rising <= peak) & (rising > peak - BOUNCE_BLOCKS)]
     group = int(near[-1]) if len(near) else peak

@@ -27,7 +27,7 @@ from objectfolder.renaming import formerly_positional
 Floats = NDArray[np.float64]
 FLOOR_DB = -220.0
 Pulse = float | ArrayLike | list[ForceProfile] | None
-CHUNK_NUMBERS = 1 << 20  # of sound and of coefficients at once
+BANK_NUMBERS = 1 << 20  # of sound and of coefficients at once
 
 
 @formerly_positional
@@ -136,7 +136,7 @@ def ring(
     delay = delay_s * oscillators.sample_rate_hz
     begin = min(math.ceil(delay), sound.shape[1])
     left = sound.shape[1] - begin
-    most = max(1, CHUNK_NUMBERS // max(1, left + 4 * len(columns)))
+    most = max(1, BANK_NUMBERS // max(1, left + 4 * len(columns)))
     for rows, common in _groups(pulses, len(amplitudes), most):
         chunk = np.asarray(amplitudes[rows], dtype=np.float64)
         if not np.isfinite(chunk).all():

@@ -28,8 +28,8 @@ Floats = NDArray[np.float64]
 # Steps in the contact of the pair without modes at least, and in a period of the highest mode, as far as
 # the former are not more than `MOST_IN_CONTACT`: a very soft contact does not see the highest modes.
 IN_CONTACT, IN_PERIOD, MOST_IN_CONTACT = 100, 8, 1 << 14
-MOST_STEPS = 1 << 20
-TABLES = 8
+CONTACT_STEPS = 1 << 20
+TABLES_KEPT = 8
 
 
 class Vibrations:
@@ -43,7 +43,7 @@ class Vibrations:
 
     def __init__(self, eigenvalues: Floats, dampings_per_s: Floats) -> None:
         self.eigenvalues, self.dampings_per_s = eigenvalues, dampings_per_s
-        self.steps = lru_cache(maxsize=TABLES)(self._steps)
+        self.steps = lru_cache(maxsize=TABLES_KEPT)(self._steps)
 
     @cached_property
     def highest_hz(self) -> float:
@@ -116,7 +116,7 @@ def collide(
     Raises
     ------
     QueryError
-        A restitution out of range, or bodies that do not part within `MOST_STEPS` steps.
+        A restitution out of range, or bodies that do not part within `CONTACT_STEPS` steps.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def collide(
         )  # fmt: skip
         if taken < len(forces):
             break
-        if taken >= MOST_STEPS:
+        if taken >= CONTACT_STEPS:
             finding = f"the bodies have not parted after {step_s * taken:g} s"
             raise QueryError("contact", finding, "Give a lighter or a harder striker.")
         forces = np.concatenate([forces, np.zeros(len(forces))])

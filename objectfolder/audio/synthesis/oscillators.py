@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 HIGHEST_RATIO = 0.454
 # From lambda < this c^2 on the two exponentials are apart enough to be kept as such.
 APART = 0.75
-LARGEST = 1e60  # squares stay finite
+LARGEST_ROOT = 1e60  # squares stay finite
 
 RESPONSES = ("displacement", "velocity", "acceleration")
 
@@ -62,9 +62,11 @@ class Oscillators:
             raise QueryError(
                 "dampings_per_s", f"{len(dampings)} for {len(squares)} eigenvalues", "Give one a mode."
             )
-        if not (np.isfinite(squares).all() and (squares > 0).all() and (squares < LARGEST).all()):
+        if not (np.isfinite(squares).all() and (squares > 0).all() and (squares < LARGEST_ROOT).all()):
             raise QueryError("eigenvalues", "not positive or not finite", "Leave out rigid modes.")
-        if not (np.isfinite(dampings).all() and (dampings >= 0).all() and (dampings < LARGEST**0.5).all()):
+        if not (
+            np.isfinite(dampings).all() and (dampings >= 0).all() and (dampings < LARGEST_ROOT**0.5).all()
+        ):
             raise QueryError("dampings_per_s", "negative or not finite", "Give decay rates of the amplitude.")
         if not (math.isfinite(sample_rate_hz) and sample_rate_hz > 0):
             raise QueryError("sample_rate_hz", f"{sample_rate_hz} Hz", "Give a positive number.")

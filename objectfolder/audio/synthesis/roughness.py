@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.query_values import generator
 
 Floats = NDArray[np.float64]
-STEP_M, STEPS = 5e-6, 1 << 18
-LENGTH_M = STEP_M * STEPS  # of a stored profile, which then begins again
+STEP_M, ROUGHNESS_STEPS = 5e-6, 1 << 18
+LENGTH_M = STEP_M * ROUGHNESS_STEPS  # of a stored profile, which then begins again
 # Roughness is measured without waves longer than this (ISO 21920-3, for roughness of 0.1 to 2 micrometres).
 CUTOFF_M = 0.8e-3
 
@@ -43,7 +43,7 @@ class RoughProfile:
     def __init__(self, seed: int) -> None:
         # Slopes have the one-sided spectrum (2 pi)^2 / cutoff, half of it on either side of 0.
         deviation = 2 * math.pi * math.sqrt(STEP_M / (2 * CUTOFF_M))
-        rises = deviation * generator(seed).standard_normal(STEPS)
+        rises = deviation * generator(seed).standard_normal(ROUGHNESS_STEPS)
         self._heights = np.concatenate([[0.0], np.cumsum(rises - rises.mean())])
 
     def slopes(self, places_m: ArrayLike, width_m: float) -> Floats:
@@ -56,7 +56,7 @@ class RoughProfile:
         return (ahead - behind) / width_m
 
     def _height(self, places_m: Floats) -> Floats:
-        steps = (places_m / STEP_M) % STEPS
-        before = np.minimum(steps.astype(np.int64), STEPS - 1)
+        steps = (places_m / STEP_M) % ROUGHNESS_STEPS
+        before = np.minimum(steps.astype(np.int64), ROUGHNESS_STEPS - 1)
         share = steps - before
         return (1 - share) * self._heights[before] + share * self._heights[before + 1]

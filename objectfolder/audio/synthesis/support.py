@@ -18,7 +18,7 @@ from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
-SAMPLES = 20_000  # of a surface, by area, from which a patch takes its points
+SUPPORT_SAMPLES = 20_000  # of a surface, by area, from which a patch takes its points
 MOST_POINTS = 64  # of a patch
 # What lying on a table or in a hand adds to every decay rate, 1/s. Fitted beside the loss factors of the
 # table of materials to modes of recorded impacts on ceramic, glass and wood (TDW 1.13.0; J. Traer,
@@ -107,7 +107,7 @@ class Support:
         QueryError
             No surface in the ball.
         """
-        points = surface.sample(SAMPLES, 0).points
+        points = surface.sample(SUPPORT_SAMPLES, 0).points
         middle = point_rows(np.asarray(centre_m), "centre_m")
         inside = np.linalg.norm(points - middle, axis=1) <= radius_m
         return cls._over(points[inside], f"no surface within {radius_m:g} m of {middle.tolist()}", total)
@@ -125,7 +125,7 @@ class Support:
         total
             As for `grip`.
         """
-        points = surface.sample(SAMPLES, 0).points
+        points = surface.sample(SUPPORT_SAMPLES, 0).points
         height = -points @ np.asarray(down, dtype=np.float64) / np.linalg.norm(down)
         lowest = height <= height.min() + within_m
         return cls._over(points[lowest], f"nothing lies lowest along {np.asarray(down).tolist()}", total)

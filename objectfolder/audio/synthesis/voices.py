@@ -20,7 +20,7 @@ from objectfolder.query_values import whole
 from objectfolder.renaming import renamed_keywords
 
 Floats = NDArray[np.float64]
-MOST_SAMPLES = 1 << 26  # of a block
+MOST_BLOCK_SAMPLES = 1 << 26  # of a block
 MOST_VOICES = 4096
 MOST_ONSET_SAMPLES = 1 << 22
 
@@ -237,7 +237,7 @@ class Voices:
         QueryError
             A number that is not positive.
         """
-        samples = whole("samples", samples, 1, MOST_SAMPLES)
+        samples = whole("samples", samples, 1, MOST_BLOCK_SAMPLES)
         sound = np.zeros((1, samples))
         self._add_ringing(sound)
         for voice in [voice for voice in self._voices if voice.start < self.now + samples]:

@@ -21,7 +21,7 @@ LARGEST_FILE_BYTES = 2**29
 LARGEST_TEXT_BYTES = 2**28
 """Of a mesh as text, some six million triangles; numbers take ten times their text while they are read."""
 
-LARGEST = 1e15
+LARGEST_FILE_NUMBER = 1e15
 """Of a coordinate, in the file's own units: micrometres on the Moon have less."""
 
 SMALLEST_EXTENT = 1e-15
@@ -176,7 +176,7 @@ def refuse_unusable(path: Path, vertices: np.ndarray) -> None:
     if not len(vertices):
         return
     largest = float(np.abs(vertices).max())
-    if largest > LARGEST:
+    if largest > LARGEST_FILE_NUMBER:
         raise InputError(
             str(path),
             f"has a coordinate of {largest:g}, which no unit of length explains",

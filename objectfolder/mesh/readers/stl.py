@@ -13,7 +13,7 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.files import (
-    LARGEST,
+    LARGEST_FILE_NUMBER,
     brief,
     read_bytes,
     refuse_coarse,
@@ -94,7 +94,7 @@ def _go_on(rest: bytes, triangles: np.ndarray) -> bool:
     if not len(corners) or len(rest) % _TRIANGLE.itemsize or not np.isfinite(corners).all():
         return False
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return bool((np.abs(corners) < LARGEST).all() and sides.any(axis=1).mean() > 0.5)
+    return bool((np.abs(corners) < LARGEST_FILE_NUMBER).all() and sides.any(axis=1).mean() > 0.5)
 
 
 def _colours(header: bytes, attributes: np.ndarray) -> np.ndarray | None:

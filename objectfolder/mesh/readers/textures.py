@@ -20,7 +20,7 @@ LARGEST_SIDE = 16384
 MOST_TEXELS = 2**26
 """Of one image, 8192 by 8192; a larger one takes more memory and time than one task has for a picture."""
 
-MOST_BYTES = 2**30
+TEXTURE_BYTES = 2**30
 """Of all textures and maps of a mesh: 16 textures of 4096 a side."""
 
 _FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "TGA", "BMP", "GIF", "PPM", "DDS")
@@ -255,10 +255,10 @@ class TextureReader:
         if id(image) not in self._counted:
             self._counted[id(image)] = image
             self._bytes += image.nbytes
-            if self._bytes > MOST_BYTES:
+            if self._bytes > TEXTURE_BYTES:
                 raise InputError(
                     self._where,
-                    f"its textures take more than {MOST_BYTES} bytes in all",
+                    f"its textures take more than {TEXTURE_BYTES} bytes in all",
                     "Use fewer or smaller textures",
                 )
         return image

@@ -14,7 +14,7 @@ from objectfolder.touch.sensor.gel import gel_constants, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 # How far outside a face, in parts of its doubled area, a ray still meets it: none slips between two faces.
-TOLERANCE = 1e-12
+FACE_TOLERANCE = 1e-12
 # Faces further than this above the gel's apex do not count.
 REACH_M = 0.01
 
@@ -88,7 +88,7 @@ def _lowest(triangles, y, z, least):
                 if area == 0:
                     continue
                 sign = 1.0 if area > 0 else -1.0
-                slack = -TOLERANCE * (abs(first) + abs(second) + abs(third))
+                slack = -FACE_TOLERANCE * (abs(first) + abs(second) + abs(third))
                 if first * sign < slack or second * sign < slack or third * sign < slack:
                     continue
                 x = (first * a[0] + second * b[0] + third * c[0]) / area

@@ -49,7 +49,7 @@ class FacePatches:
         Of faces equally near the one of lowest index.
         """
         face, barycentric = np.empty(len(points), dtype=np.int64), np.zeros((len(points), 3))
-        stack = np.empty(tree_queries.STACK, dtype=np.int64)
+        stack = np.empty(tree_queries.TREE_STACK, dtype=np.int64)
         tree_queries.closest(self._boxes, self._order, self.triangles, points, stack, face, barycentric)
         return face, barycentric
 

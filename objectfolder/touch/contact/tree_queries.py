@@ -13,7 +13,7 @@ import numpy as np
 from objectfolder.jit import kernel
 
 # A complete tree over 2^60 faces would still fit.
-STACK = 64
+TREE_STACK = 64
 # Parts of a distance by which rounding may move it.
 ROUNDING = 1e-12
 # By how much rounding may move the bound of an indentation, metres.
@@ -87,7 +87,7 @@ def _closest_on(triangle, x, y, z):
 
 @kernel
 def closest(boxes, order, triangles, points, stack, face, barycentric):
-    """Write the answer of `patch.FacePatches.closest`; `stack` (`STACK`,) int64 is working memory."""
+    """Write the answer of `patch.FacePatches.closest`; `stack` (`TREE_STACK`,) int64 is working memory."""
     leaves = len(order)
     for i in range(len(points)):
         face[i] = -1

@@ -15,8 +15,8 @@ from objectfolder.touch.elastic.contact_area import covered_cells
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.influence import compliance
 
-TOLERANCE = 1e-5
-MAXIMUM_ITERATIONS = 500
+PRESS_TOLERANCE = 1e-5
+PRESS_ITERATIONS = 500
 # Boxes grow in steps of this number of cells, so that the influence of one serves many contacts.
 _BOX_STEP = 8
 
@@ -87,8 +87,8 @@ def solve_contact(
     indentation_m: float | None = None,
     force_n: float | None = None,
     initial_pressure_pa: np.ndarray | None = None,
-    tolerance: float = TOLERANCE,
-    maximum_iterations: int = MAXIMUM_ITERATIONS,
+    tolerance: float = PRESS_TOLERANCE,
+    maximum_iterations: int = PRESS_ITERATIONS,
 ) -> Contact:
     """Press a rigid height field into an elastic surface, to an indentation or with a force.
 
@@ -152,7 +152,7 @@ def force_depth_curve(
     elastomer: Elastomer,
     indentations_m: np.ndarray,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = PRESS_TOLERANCE,
 ) -> list[Contact]:
     """Contacts at indentations (n,), each solved from the one before.
 

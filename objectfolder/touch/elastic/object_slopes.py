@@ -9,7 +9,7 @@ from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 
 # Walls steeper than this keep the slope of the displacement, which cells can show.
-STEEPEST = 2.0
+STEEPEST_WALL = 2.0
 
 
 def object_slopes(
@@ -30,7 +30,7 @@ def object_slopes(
     -------
     np.ndarray
         (2, rows, columns) float64: dx/dy and dx/dz in the sensor frame; NaN where the gel is not touched, and
-        where the object is steeper than `STEEPEST`.
+        where the object is steeper than `STEEPEST_WALL`.
     """
     row, column = np.nonzero(contact.mask)
     slopes = np.full((2, *gap_m.shape), np.nan)
@@ -45,6 +45,6 @@ def object_slopes(
     outward = np.sign(-normals[:, :1])
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = normals[:, 1:] * outward / towards[:, None]
-    lean[~(np.hypot(lean[:, 0], lean[:, 1]) < STEEPEST)] = np.nan
+    lean[~(np.hypot(lean[:, 0], lean[:, 1]) < STEEPEST_WALL)] = np.nan
     slopes[:, row, column] = lean.T
     return slopes

@@ -24,7 +24,7 @@ from objectfolder.touch.elastic.contact_problem import Contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.tangential_influence import TangentialCompliance, tangential_compliance
 
-TOLERANCE, MAXIMUM_ITERATIONS = 1e-4, 2000
+SHEAR_TOLERANCE, SHEAR_ITERATIONS = 1e-4, 2000
 # Where all is at the limit the slope may be 0: a step is then too long, and halved.
 BALANCE_STEPS, LEAST_SLOPE = 60, 1e-9
 
@@ -84,8 +84,8 @@ def solve_shear(
     *,
     torque_nm: float | None = None,
     before: Shear | None = None,
-    tolerance: float = TOLERANCE,
-    maximum_iterations: int = MAXIMUM_ITERATIONS,
+    tolerance: float = SHEAR_TOLERANCE,
+    maximum_iterations: int = SHEAR_ITERATIONS,
 ) -> Shear:
     """Shear a contact by a load that grows in proportion; the pressure is as without friction.
 

@@ -13,7 +13,7 @@ import numpy as np
 from objectfolder.jit import kernel
 
 # Columns and rows of rays; keeps rays that pass along an edge in the faces on both of its sides.
-SLACK = 1e-7
+RAY_SLACK = 1e-7
 
 
 @kernel
@@ -23,8 +23,8 @@ def _range(a, b, c, first, pitch, count):
     for slope in (b, c):
         position = (slope - first) / pitch
         least, most = min(least, position), max(most, position)
-    return int(np.ceil(min(max(least - SLACK, 0.0), count))), int(
-        np.floor(max(min(most + SLACK, count - 1.0), -1.0))
+    return int(np.ceil(min(max(least - RAY_SLACK, 0.0), count))), int(
+        np.floor(max(min(most + RAY_SLACK, count - 1.0), -1.0))
     )
 
 
@@ -77,8 +77,8 @@ def _columns(edges, sign, u, shift, v, first, rows, lows, highs, used):
                 highs[at] = -1.0 if constant + down * v[first + row] < 0 else highs[at]
     for at in range(used, used + rows):
         low, high = lows[at], highs[at]
-        lows[at] = np.ceil((low if low < count else count) - SLACK)
-        highs[at] = np.floor((high if high > -1.0 else -1.0) + SLACK)
+        lows[at] = np.ceil((low if low < count else count) - RAY_SLACK)
+        highs[at] = np.floor((high if high > -1.0 else -1.0) + RAY_SLACK)
 
 
 @kernel

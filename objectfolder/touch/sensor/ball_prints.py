@@ -11,13 +11,13 @@ import numpy as np
 
 # Pixels of a photograph a pixel of the search, and steps of the search in those.
 REDUCTION = 4
-STEPS = (4, 4, 2, 2, 1, 1, 0.5, 0.5, 0.25)
+SEARCH_STEPS_PX = (4, 4, 2, 2, 1, 1, 0.5, 0.5, 0.25)
 # A mark is this many deviations of the camera's noise above nothing.
 LEAST_CONTRAST = 4.0
 # Share of the squared change round a mark that its circle must explain.
 LEAST_EXPLAINED = 0.5
 # Of the ball's radius.
-SMALLEST, LARGEST = 0.3, 0.95
+SMALLEST, LARGEST_CIRCLE = 0.3, 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ class _Search:
     def improve(self) -> None:
         """Fit the models to the circles and the circles to the models, in turn."""
         chosen = [index for index, failure in enumerate(self.failures) if not failure]
-        for step in STEPS if chosen else ():
+        for step in SEARCH_STEPS_PX if chosen else ():
             models = self._models(chosen)
             for index in chosen:
                 self._move(index, step, models)
@@ -156,7 +156,7 @@ class _Search:
             for axis, size in ((0, step), (0, -step), (1, step), (1, -step), (2, step / 2), (2, -step / 2)):
                 moved = self.circles[index].copy()
                 moved[axis] += size
-                if SMALLEST <= moved[2] / self.ball <= LARGEST and (value := cost(moved)) < best:
+                if SMALLEST <= moved[2] / self.ball <= LARGEST_CIRCLE and (value := cost(moved)) < best:
                     best, self.circles[index] = value, moved
             if best == before:
                 break

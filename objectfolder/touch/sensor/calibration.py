@@ -15,7 +15,7 @@ from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.gel import gel_normals, gel_surface
 from objectfolder.touch.sensor.photometric_table import (
     CHANNELS,
-    TERMS,
+    POLYNOMIAL_TERMS,
     PhotometricTable,
     node_weights,
     place_terms,
@@ -122,13 +122,13 @@ class NormalEquations:
         from scipy.sparse.linalg import spsolve
 
         solution = spsolve(self._smoothed(smoothness, uniformity, share), self.right / self.count)
-        nodes = solution.reshape(-1, TERMS, CHANNELS)[_unknowns(self.shape).reshape(self.shape)]
+        nodes = solution.reshape(-1, POLYNOMIAL_TERMS, CHANNELS)[_unknowns(self.shape).reshape(self.shape)]
         return PhotometricTable(np.moveaxis(nodes, 3, 0).astype(np.float16))
 
     def spread(self, smoothness: float, uniformity: float = 0.0, share: float = 1.0) -> np.ndarray:
         """Deviation (slopes, directions) of the values at the gel's middle, for one of a pixel."""
         inverse = np.linalg.inv(self._smoothed(smoothness, uniformity, share).toarray()) / self.count
-        constant = np.sqrt(np.maximum(np.diag(inverse)[::TERMS], 0.0))
+        constant = np.sqrt(np.maximum(np.diag(inverse)[::POLYNOMIAL_TERMS], 0.0))
         return np.asarray(constant[_unknowns(self.shape)].reshape(self.shape))
 
     def _smoothed(self, smoothness: float, uniformity: float, share: float) -> Any:
@@ -181,10 +181,10 @@ def normal_equations(pixels: np.ndarray, shape: tuple[int, int]) -> NormalEquati
     slope, direction, across, up = pixels[:4]
     nodes, weights = node_weights(slope, direction, shape)
     unknown = _unknowns(shape)
-    column = unknown[nodes][:, :, None] * TERMS + np.arange(TERMS)
+    column = unknown[nodes][:, :, None] * POLYNOMIAL_TERMS + np.arange(POLYNOMIAL_TERMS)
     row = np.broadcast_to(np.arange(len(slope))[None, :, None], column.shape)
     entry = weights[:, :, None] * place_terms(across, up)
-    count = int(unknown.max() + 1) * TERMS
+    count = int(unknown.max() + 1) * POLYNOMIAL_TERMS
     design = coo_array((entry.ravel(), (row.ravel(), column.ravel())), (len(slope), count)).tocsr()
     return NormalEquations(shape, design.T @ design, design.T @ pixels[4:].T, len(slope))
 
@@ -259,7 +259,7 @@ def _second_differences(shape: tuple[int, int], unknown: np.ndarray, count: int)
         )
     )
     each = np.concatenate(triples)
-    column = (each[:, None, :] * TERMS + np.arange(TERMS)[None, :, None]).reshape(-1, 3)
+    column = (each[:, None, :] * POLYNOMIAL_TERMS + np.arange(POLYNOMIAL_TERMS)[None, :, None]).reshape(-1, 3)
     row = np.broadcast_to(np.arange(len(column))[:, None], column.shape)
     entry = np.broadcast_to(np.array([1.0, -2.0, 1.0]), column.shape)
     return coo_array((entry.ravel(), (row.ravel(), column.ravel())), (len(column), count))
@@ -270,7 +270,7 @@ def _place_differences(count: int, share: float) -> Any:
     from scipy.sparse import coo_array
 
     unknown = np.arange(count)
-    chosen = unknown[(unknown >= TERMS) & (unknown % TERMS > 0)]
+    chosen = unknown[(unknown >= POLYNOMIAL_TERMS) & (unknown % POLYNOMIAL_TERMS > 0)]
     row, ones = np.arange(len(chosen)), np.ones(len(chosen))
-    entry, column = np.concatenate([ones, -share * ones]), np.concatenate([chosen, chosen % TERMS])
+    entry, column = np.concatenate([ones, -share * ones]), np.concatenate([chosen, chosen % POLYNOMIAL_TERMS])
     return coo_array((entry, (np.tile(row, 2), column)), (len(chosen), count)).tocsr()

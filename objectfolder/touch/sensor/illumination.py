@@ -14,7 +14,7 @@ import numpy as np
 from objectfolder.touch.sensor.photometric_table import PhotometricTable, place_terms
 from objectfolder.touch.sensor.sensor import Sensor, Vector
 
-PLACES = 21
+SHADING_PLACES = 21
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def photometric_table(sensor: Sensor, illumination: Illumination) -> Photometric
     """
     if sensor.gel_sagitta_m != 0:
         raise ValueError(f"{sensor.name}: a photometric table of lights is for a flat gel")
-    side = np.linspace(-1, 1, PLACES)
+    side = np.linspace(-1, 1, SHADING_PLACES)
     across, up = (part.ravel() for part in np.meshgrid(side, side))
     apex = np.asarray(sensor.gel_apex_m)
     half = np.array([0.0, -sensor.gel_width_m / 2, sensor.gel_height_m / 2])

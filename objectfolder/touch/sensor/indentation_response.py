@@ -20,7 +20,7 @@ CHANNELS, TERMS = 3, 3
 # Square cells of the picture: so many a height.
 ROWS = 40
 LARGEST = 65  # cells of a side of a pattern
-LAYOUT = f"({CHANNELS} channels, {TERMS} terms, n, n) with n odd and at most {LARGEST}"
+RESPONSE_LAYOUT = f"({CHANNELS} channels, {TERMS} terms, n, n) with n odd and at most {LARGEST}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class IndentationResponse:
         shape = self.coefficients.shape
         square = len(shape) == 4 and shape[2] == shape[3] <= LARGEST and shape[2] % 2 == 1
         if not square or shape[:2] != (CHANNELS, TERMS):
-            raise ValueError(f"an indentation response has shape {shape}, expected {LAYOUT}")
+            raise ValueError(f"an indentation response has shape {shape}, expected {RESPONSE_LAYOUT}")
         if self.coefficients.dtype != np.float16:
             raise ValueError(f"an indentation response has type {self.coefficients.dtype}, expected float16")
         if not np.isfinite(self.coefficients).all():
@@ -94,7 +94,7 @@ class IndentationResponse:
         try:
             return cls(np.load(path, allow_pickle=False))
         except (OSError, ValueError) as error:
-            remedy = f"Write an array {LAYOUT} of float16 with numpy.save."
+            remedy = f"Write an array {RESPONSE_LAYOUT} of float16 with numpy.save."
             raise InputError(str(path), f"no indentation response ({error})", remedy) from error
 
 

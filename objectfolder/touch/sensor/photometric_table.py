@@ -15,9 +15,9 @@ import numpy as np
 
 from objectfolder.errors import FormatError, InputError
 
-TERMS = 6
+POLYNOMIAL_TERMS = 6
 CHANNELS = 3
-LAYOUT = f"({CHANNELS} channels, at least 2 slopes, at least 3 directions, {TERMS} terms)"
+LAYOUT = f"({CHANNELS} channels, at least 2 slopes, at least 3 directions, {POLYNOMIAL_TERMS} terms)"
 
 
 def place_terms(across: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -78,7 +78,13 @@ class PhotometricTable:
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
-        if len(shape) != 4 or shape[0] != CHANNELS or shape[1] < 2 or shape[2] < 3 or shape[3] != TERMS:
+        if (
+            len(shape) != 4
+            or shape[0] != CHANNELS
+            or shape[1] < 2
+            or shape[2] < 3
+            or shape[3] != POLYNOMIAL_TERMS
+        ):
             raise ValueError(f"a photometric table has shape {shape}, expected {LAYOUT}")
         if self.coefficients.dtype != np.float16:
             raise ValueError(f"a photometric table has type {self.coefficients.dtype}, expected float16")
@@ -106,7 +112,7 @@ class PhotometricTable:
     def nodes(self) -> np.ndarray:
         """Coefficients (slopes * directions, 18) float32, channels before terms, a node a row."""
         _, slopes, directions, _ = self.coefficients.shape
-        moved = np.moveaxis(self.coefficients, 0, 2).reshape(slopes * directions, CHANNELS * TERMS)
+        moved = np.moveaxis(self.coefficients, 0, 2).reshape(slopes * directions, CHANNELS * POLYNOMIAL_TERMS)
         return np.ascontiguousarray(moved, dtype=np.float32)
 
     def values(
@@ -122,11 +128,11 @@ class PhotometricTable:
             (n,) place, as in `place_terms`.
         """
         _, slopes, directions, _ = self.coefficients.shape
-        mixed = np.zeros((len(slope), CHANNELS * TERMS), dtype=np.float32)
+        mixed = np.zeros((len(slope), CHANNELS * POLYNOMIAL_TERMS), dtype=np.float32)
         for node, weight in zip(*node_weights(slope, direction, (slopes, directions)), strict=True):
             mixed += weight[:, None] * self.nodes[node]
         terms = place_terms(across.astype(np.float32), up.astype(np.float32))
-        values = np.einsum("nct,nt->nc", mixed.reshape(-1, CHANNELS, TERMS), terms)
+        values = np.einsum("nct,nt->nc", mixed.reshape(-1, CHANNELS, POLYNOMIAL_TERMS), terms)
         return np.asarray(np.clip(values, 0, 1, dtype=np.float32))
 
     def to_dict(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import DIELECTRIC_REFLECTANCE
 
 # Points shaded at once: their intermediate values stay in the cache.
-BLOCK = 512
+BLOCK_POINTS = 512
 # Darker pixel values than 2 to this are 2 to this: a thousandth of a grey level.
 LOWEST_OCTAVE = -18
 
@@ -29,8 +29,13 @@ def _chebyshev(function: Callable[[np.ndarray], np.ndarray], degree: int) -> tup
 LOG, EXP = _chebyshev(lambda f: np.log2(1 + f), 7), _chebyshev(np.exp2, 6)
 # Where the rows of a block's intermediate values begin in one array: at known distances, so that loops over
 # them go into vector registers.
-POSITION, NORMAL, VIEW = 0, 3 * BLOCK, 6 * BLOCK
-FACING, VISIBLE, RADIANCE, WORK = 9 * BLOCK, 10 * BLOCK, 11 * BLOCK, 14 * BLOCK
+POSITION, NORMAL, VIEW_ROW = 0, 3 * BLOCK_POINTS, 6 * BLOCK_POINTS
+FACING_ROW, VISIBLE_ROW, RADIANCE, WORK = (
+    9 * BLOCK_POINTS,
+    10 * BLOCK_POINTS,
+    11 * BLOCK_POINTS,
+    14 * BLOCK_POINTS,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,7 @@ class PointLights:
 
     def shade(self, count: int, positions: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Pixel values (3, count) float32 of the first points (3, n) with normals (3, n), both float32."""
-        work, scale = np.ones(WORK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
+        work, scale = np.ones(WORK, dtype=np.float32), np.empty(BLOCK_POINTS, dtype=np.float32)
         values = np.empty((3, count), dtype=np.float32)
         _shade(
             count, positions, normals, self.camera, self.positions, self.colours, self.material,
@@ -89,22 +94,22 @@ def point_lights(sensor: Sensor) -> PointLights:
 def _directions(work, camera, k):
     """Make the normals unit; write directions to the camera, n . v, and Smith's term of it."""
     one, least = np.float32(1), np.float32(0.001)
-    for i in range(BLOCK):
+    for i in range(BLOCK_POINTS):
         x = camera[0] - work[POSITION + i]
-        y = camera[1] - work[POSITION + BLOCK + i]
-        z = camera[2] - work[POSITION + 2 * BLOCK + i]
+        y = camera[1] - work[POSITION + BLOCK_POINTS + i]
+        z = camera[2] - work[POSITION + 2 * BLOCK_POINTS + i]
         inverse = one / np.sqrt(x * x + y * y + z * z)
         x, y, z = x * inverse, y * inverse, z * inverse
-        nx, ny, nz = work[NORMAL + i], work[NORMAL + BLOCK + i], work[NORMAL + 2 * BLOCK + i]
+        nx, ny, nz = work[NORMAL + i], work[NORMAL + BLOCK_POINTS + i], work[NORMAL + 2 * BLOCK_POINTS + i]
         inverse = one / np.sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx * inverse, ny * inverse, nz * inverse
-        work[VIEW + i], work[VIEW + BLOCK + i], work[VIEW + 2 * BLOCK + i] = x, y, z
-        work[NORMAL + i], work[NORMAL + BLOCK + i], work[NORMAL + 2 * BLOCK + i] = nx, ny, nz
+        work[VIEW_ROW + i], work[VIEW_ROW + BLOCK_POINTS + i], work[VIEW_ROW + 2 * BLOCK_POINTS + i] = x, y, z
+        work[NORMAL + i], work[NORMAL + BLOCK_POINTS + i], work[NORMAL + 2 * BLOCK_POINTS + i] = nx, ny, nz
         cosine = abs(nx * x + ny * y + nz * z)
         cosine = cosine if cosine > least else least
         cosine = cosine if cosine < one else one
-        work[FACING + i] = cosine
-        work[VISIBLE + i] = cosine / (cosine * (one - k) + k)
+        work[FACING_ROW + i] = cosine
+        work[VISIBLE_ROW + i] = cosine / (cosine * (one - k) + k)
 
 
 @relaxed_kernel
@@ -114,18 +119,22 @@ def _reflect(work, light, colour, alpha2, k, base, diffuse):
     scale = alpha2 / np.float32(np.pi)
     light_x, light_y, light_z = light[0], light[1], light[2]
     red, green, blue = colour[0], colour[1], colour[2]
-    for i in range(BLOCK):
+    for i in range(BLOCK_POINTS):
         x = light_x - work[POSITION + i]
-        y = light_y - work[POSITION + BLOCK + i]
-        z = light_z - work[POSITION + 2 * BLOCK + i]
+        y = light_y - work[POSITION + BLOCK_POINTS + i]
+        z = light_z - work[POSITION + 2 * BLOCK_POINTS + i]
         squared = x * x + y * y + z * z
         inverse = one / np.sqrt(squared)
         falloff = inverse * inverse
         x, y, z = x * inverse, y * inverse, z * inverse
-        vx, vy, vz = work[VIEW + i], work[VIEW + BLOCK + i], work[VIEW + 2 * BLOCK + i]
+        vx, vy, vz = (
+            work[VIEW_ROW + i],
+            work[VIEW_ROW + BLOCK_POINTS + i],
+            work[VIEW_ROW + 2 * BLOCK_POINTS + i],
+        )
         hx, hy, hz = x + vx, y + vy, z + vz
         inverse = one / np.sqrt(hx * hx + hy * hy + hz * hz)
-        nx, ny, nz = work[NORMAL + i], work[NORMAL + BLOCK + i], work[NORMAL + 2 * BLOCK + i]
+        nx, ny, nz = work[NORMAL + i], work[NORMAL + BLOCK_POINTS + i], work[NORMAL + 2 * BLOCK_POINTS + i]
         nl = nx * x + ny * y + nz * z
         nl = nl if nl > least else least
         nl = nl if nl < one else one
@@ -137,12 +146,12 @@ def _reflect(work, light, colour, alpha2, k, base, diffuse):
         miss = one - (vh if vh < one else one)
         fresnel = base + (one - base) * (miss * miss) * (miss * miss) * miss
         lobe = nh * nh * (alpha2 - one) + one
-        specular = fresnel * work[VISIBLE + i] * nl * scale
-        specular /= (nl * (one - k) + k) * lobe * lobe * (four * nl * work[FACING + i] + least)
+        specular = fresnel * work[VISIBLE_ROW + i] * nl * scale
+        specular /= (nl * (one - k) + k) * lobe * lobe * (four * nl * work[FACING_ROW + i] + least)
         reflected = nl * falloff * ((one - fresnel) * diffuse + specular)
         work[RADIANCE + i] += red * reflected
-        work[RADIANCE + BLOCK + i] += green * reflected
-        work[RADIANCE + 2 * BLOCK + i] += blue * reflected
+        work[RADIANCE + BLOCK_POINTS + i] += green * reflected
+        work[RADIANCE + 2 * BLOCK_POINTS + i] += blue * reflected
 
 
 @relaxed_kernel
@@ -173,19 +182,19 @@ def _encode(bits, row, exponent, values, start, size, octaves):
 def _shade(
     count, positions, normals, camera, lights, colours, material, exponent, work, bits, scale, octaves, values
 ):
-    """Write pixel values; working memory are `work` (`WORK`,), `scale` (`BLOCK`,) and int32 views of them."""
+    """Write pixel values; working memory: `work` (`WORK`,), `scale` (`BLOCK_POINTS`,), int32 views."""
     # Indices that cannot be negative are not tested for it.
-    block, end = np.uint64(BLOCK), np.uint64(count)
+    block, end = np.uint64(BLOCK_POINTS), np.uint64(count)
     for start in range(np.uint64(0), end, block):
         size = block if block < end - start else end - start
         for axis in range(3):
-            row, place = np.uint64(POSITION + axis * BLOCK), positions[axis]
+            row, place = np.uint64(POSITION + axis * BLOCK_POINTS), positions[axis]
             for i in range(size):
                 work[row + i] = place[start + i]
-            row, place = np.uint64(NORMAL + axis * BLOCK), normals[axis]
+            row, place = np.uint64(NORMAL + axis * BLOCK_POINTS), normals[axis]
             for i in range(size):
                 work[row + i] = place[start + i]
-            row = np.uint64(RADIANCE + axis * BLOCK)
+            row = np.uint64(RADIANCE + axis * BLOCK_POINTS)
             for i in range(block):
                 work[row + i] = np.float32(0)
         _directions(work, camera, material[1])
@@ -193,6 +202,6 @@ def _shade(
             _reflect(work, lights[light], colours[light], material[0], material[1], material[2], material[3])
         for channel in range(3):
             shown = values[channel]
-            _encode(bits, np.uint64(RADIANCE + channel * BLOCK), exponent, shown, start, size, octaves)
+            _encode(bits, np.uint64(RADIANCE + channel * BLOCK_POINTS), exponent, shown, start, size, octaves)
             for i in range(size):
                 shown[start + i] *= scale[i]

@@ -7,7 +7,7 @@ import numpy as np
 from objectfolder.touch.sensor.indentation_response import CHANNELS, TERMS, Cells, IndentationResponse
 
 # Half a pattern's side, cells.
-REACH = 8
+RESPONSE_REACH = 8
 # Of the weight of a pattern's roughness: that of its size.
 RIDGE = 0.1
 # Of a cell: less of it beyond the contact says nothing.
@@ -41,7 +41,7 @@ class ResponseFit:
         matrix, right = (np.sum([self._sums[index][part] for index in chosen], axis=0) for part in (0, 1))
         held = roughness * np.trace(matrix) / len(matrix) * _roughness(unevenness)
         unknowns = solve(matrix + held, right, assume_a="pos")
-        side = 2 * REACH + 1
+        side = 2 * RESPONSE_REACH + 1
         return IndentationResponse(unknowns.T.reshape(CHANNELS, TERMS, side, side).astype(np.float16))
 
     def _sum(self, change: np.ndarray, indentation_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,15 +56,17 @@ class ResponseFit:
     def _sources(self, indentation_m: np.ndarray) -> np.ndarray:
         """What cells take (cells, k) of the coefficients of a response."""
         weighted = 1e3 * self._cells.mean(indentation_m.astype(np.float32)) * self._cells.terms()
-        padded = np.pad(weighted, ((0, 0), (REACH, REACH), (REACH, REACH)))
-        side = 2 * REACH + 1
+        padded = np.pad(
+            weighted, ((0, 0), (RESPONSE_REACH, RESPONSE_REACH), (RESPONSE_REACH, RESPONSE_REACH))
+        )
+        side = 2 * RESPONSE_REACH + 1
         windows = np.lib.stride_tricks.sliding_window_view(padded, (TERMS, side, side))[0]
         return np.flip(windows, (-2, -1)).reshape(-1, TERMS * side * side)
 
 
 def _roughness(unevenness: float) -> np.ndarray:
     """Squared second differences of patterns, and a little of their squares (unknowns, unknowns)."""
-    side = 2 * REACH + 1
+    side = 2 * RESPONSE_REACH + 1
     bend = np.eye(side, k=1) - 2 * np.eye(side) + np.eye(side, k=-1)
     laplacian = np.kron(bend, np.eye(side)) + np.kron(np.eye(side), bend)
     once = laplacian.T @ laplacian + RIDGE * np.eye(side * side)

@@ -55,7 +55,7 @@ MATERIAL = {
     "display_gamma": ("display_gamma", "number"),
 }
 HOUSING = {"low_m": ("housing_low_m", "vector"), "high_m": ("housing_high_m", "vector")}
-NOISE = {"sigma_grey_levels": ("noise_sigma_grey_levels", "number")}
+NOISE_FIELDS = {"sigma_grey_levels": ("noise_sigma_grey_levels", "number")}
 BACKGROUND = {
     "gain": ("background_gain", "number"),
     "blur_pixels": ("background_blur_pixels", "whole"),
@@ -64,8 +64,8 @@ BACKGROUND = {
 BLUR_M = ("background_blur_m", "number")
 # Keys as they were spelt before.
 OLD_KEYS = {"base_color": "base_colour", "color": "colour"}
-SECTIONS = {"camera": CAMERA, "gel": GEL, "housing": HOUSING, "noise": NOISE, "background": BACKGROUND}
-LIGHT = {"position_m": ("position_m", "vector"), "colour": ("colour", "vector")}
+SECTIONS = {"camera": CAMERA, "gel": GEL, "housing": HOUSING, "noise": NOISE_FIELDS, "background": BACKGROUND}
+LIGHT_FIELDS = {"position_m": ("position_m", "vector"), "colour": ("colour", "vector")}
 SHADOWS = {
     "lamp_height_m": ("shadow_lamp_height_m", "number"),
     "penumbra_m": ("shadow_penumbra_m", "number"),
@@ -280,7 +280,7 @@ def _photometry(fields: "_Reader", path: Path, content: Any) -> dict[str, Any]:
         fields.check_keys("photometry.", rest, ("lights", *MATERIAL))
         material = {key: value for key, value in rest.items() if key != "lights"}
         lights = [
-            fields.section(f"photometry.lights[{index}]", light, LIGHT)
+            fields.section(f"photometry.lights[{index}]", light, LIGHT_FIELDS)
             for index, light in enumerate(fields.items("photometry.lights", rest["lights"]))
         ]
         return {

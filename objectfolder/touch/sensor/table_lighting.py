@@ -13,7 +13,7 @@ from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor import Sensor
 
 # Points looked up at once: their angles stay in the cache.
-BLOCK = 512
+LOOKUP_POINTS = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,10 @@ def _look_up(count, positions, normals, nodes, place):
     one, zero, round_turn = np.float32(1), np.float32(0), np.float32(directions)
     rows, columns = np.float32((slopes - 1) / (np.pi / 2)), np.float32(directions / (2 * np.pi))
     values = np.empty((3, count), dtype=np.float32)
-    row, column = np.empty(BLOCK, dtype=np.float32), np.empty(BLOCK, dtype=np.float32)
+    row, column = np.empty(LOOKUP_POINTS, dtype=np.float32), np.empty(LOOKUP_POINTS, dtype=np.float32)
     mixed = np.empty(18, dtype=np.float32)
-    for start in range(0, count, BLOCK):
-        length = min(BLOCK, count - start)
+    for start in range(0, count, LOOKUP_POINTS):
+        length = min(LOOKUP_POINTS, count - start)
         for j in range(length):
             x, y, z = normals[0, start + j], normals[1, start + j], normals[2, start + j]
             row[j] = min(_angle(np.sqrt(y * y + z * z), -x) * rows, np.float32(slopes - 1))

@@ -16,11 +16,11 @@ from objectfolder.touch.sensor.sensor import Sensor
 TOLERANCE_M = 1e-6
 DEFAULT_DEPTH_M = 0.001
 GREATEST_TILT_DEG, GREATEST_TURN_DEG = 45.0, 1e6
-GREATEST_FORCE_N = 1e6
+LARGEST_FORCE_N = 1e6
 # Relative error of a force against a measured one, and how deep it was measured (docs/touch_elastic.md).
 FORCE_ERROR, MEASURED_DEPTH_M = 0.03, 0.002
 CONTACTS = ("rigid", "elastic")
-MOST_SHOWN = 8  # touches in a notebook
+NOTEBOOK_TOUCHES = 8  # touches in a notebook
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class Press:
             return None
         if self.depth_m is not None:
             raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
-        return _per_touch("force_n", self.force_n, count, 0.0, GREATEST_FORCE_N, " N")
+        return _per_touch("force_n", self.force_n, count, 0.0, LARGEST_FORCE_N, " N")
 
     def angles(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Tilts, azimuths and rolls (count,), radians.
@@ -201,7 +201,7 @@ class Touches:
     def _repr_html_(self) -> str:
         """Return the first images for a notebook."""
         summary = f"{len(self.rgb)} touches, {np.count_nonzero(self.reachable)} of them within reach"
-        return f"<div>{summary}</div>{picture_row(self.rgb[:MOST_SHOWN])}"
+        return f"<div>{summary}</div>{picture_row(self.rgb[:NOTEBOOK_TOUCHES])}"
 
     def __len__(self) -> int:
         return len(self.points)

@@ -8,7 +8,7 @@ import numpy as np
 from objectfolder.jit import kernel
 
 # Pixels above, and left of, an edge between two, and those on its other side.
-EDGES = (
+PIXEL_NEIGHBOURS = (
     (np.s_[:-1, :], np.s_[1:, :]),
     (np.s_[:, :-1], np.s_[:, 1:]),
 )
@@ -31,7 +31,7 @@ def unevenly_seen(label: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     covered = np.where(first < 0, 0, label.shape[1])
     covered[shared] = np.count_nonzero(label[shared] >= 0, axis=1)
     marked, covered = shared.reshape(shape), covered.reshape(shape)
-    for here, there in EDGES:
+    for here, there in PIXEL_NEIGHBOURS:
         apart = covered[here] != covered[there]
         marked[here] |= apart
         marked[there] |= apart
@@ -40,8 +40,8 @@ def unevenly_seen(label: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 def neighbours(slots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pixels (k,) on both sides of each edge between two, of slots (h, w) pixel or -1."""
-    here = np.concatenate([slots[first].ravel() for first, _ in EDGES])
-    there = np.concatenate([slots[second].ravel() for _, second in EDGES])
+    here = np.concatenate([slots[first].ravel() for first, _ in PIXEL_NEIGHBOURS])
+    there = np.concatenate([slots[second].ravel() for _, second in PIXEL_NEIGHBOURS])
     both = (here >= 0) & (there >= 0)
     return here[both], there[both]
 

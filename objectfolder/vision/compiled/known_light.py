@@ -16,7 +16,7 @@ from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.network_layout import LEAST_COSINE
 
 # Unit-frame lengths to a light that is taken as infinitely far.
-FAR = 1e4
+INFINITE_DISTANCE = 1e4
 # Directions of a point's gloss in which the surface is looked for: of matt things, where there is metal, and
 # how many times more in pixels in which something ends, which are not averaged with others.
 GLOSS_SAMPLES, METAL_SAMPLES, ENDS = 2, 4, 2
@@ -210,4 +210,4 @@ class KnownLight:
 
 def _far(around: Environment) -> Lights:
     """Return an environment as far lights."""
-    return FAR * around.directions, FAR**2 * around.powers
+    return INFINITE_DISTANCE * around.directions, INFINITE_DISTANCE**2 * around.powers

@@ -11,7 +11,7 @@ import numpy as np
 from objectfolder.jit import kernel
 
 # Irrational steps of a sequence that fills the unit square evenly (Roberts 2018).
-STEPS = (0.7548776662466927, 0.5698402909980532)
+SEQUENCE_STEPS = (0.7548776662466927, 0.5698402909980532)
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ def scattered(cast: Cast) -> tuple[np.ndarray, np.ndarray]:
     bits ^= bits >> 15
     starts = (bits & 0xFFFF) / 65536, (bits >> 16) / 65536
     first, second = (
-        (start + 64 * cast.order * step) % 1.0 for start, step in zip(starts, STEPS, strict=True)
+        (start + 64 * cast.order * step) % 1.0 for start, step in zip(starts, SEQUENCE_STEPS, strict=True)
     )
     return first, second
 
 
 def stepped(starts: tuple[np.ndarray, np.ndarray], sample: int) -> list[np.ndarray]:
     """Return the numbers (n,) of a point's direction `sample`, from those that `scattered` returned."""
-    return [(start + sample * step) % 1.0 for start, step in zip(starts, STEPS, strict=True)]
+    return [(start + sample * step) % 1.0 for start, step in zip(starts, SEQUENCE_STEPS, strict=True)]
 
 
 @kernel

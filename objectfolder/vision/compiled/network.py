@@ -14,11 +14,11 @@ from objectfolder.jit import arrayless, relaxed_kernel
 from objectfolder.vision.compiled.lighting import Points
 from objectfolder.vision.network import network_layout
 from objectfolder.vision.network.network_layout import MIRROR_WIDTH, has_mirrors, weight_shapes
-from objectfolder.vision.network.sparse_grid import HALF_WIDTH, LEVELS, SparseGrid
+from objectfolder.vision.network.sparse_grid import GRID_LEVELS, HALF_WIDTH, SparseGrid
 
 # Points at a time: a block's matrices stay in the first cache. Every block is whole, its last point repeated:
 # the vector loop and the loop over the points after it would round alike points differently.
-BLOCK = 64
+NETWORK_POINTS = 64
 # The inputs that this module computes; a network laid out otherwise is refused.
 ANGLES, SURROUNDINGS = 12, 31
 # The nearest that a light is told to be to a point, unit frame; as in `incidence`.
@@ -86,7 +86,7 @@ class CompiledNetwork:
 
     def __init__(self, grid: SparseGrid, weights: Mapping[str, np.ndarray]) -> None:
         known = (ANGLES, SURROUNDINGS, 4)
-        if known != (network_layout.ANGLES, network_layout.SURROUNDINGS, LEVELS):
+        if known != (network_layout.ANGLES, network_layout.SURROUNDINGS, GRID_LEVELS):
             raise FormatError("vision", "inputs that the compiled renderer does not know", "Use torch.")
         self.mirrors = has_mirrors(weights.keys())
         expected = weight_shapes(grid.sizes, mirrors=self.mirrors)
@@ -98,9 +98,11 @@ class CompiledNetwork:
         def single(name: str) -> np.ndarray:
             return np.ascontiguousarray(weights[name], dtype=np.float32)
 
-        self._tables = tuple(single(f"tables.{level}") for level in range(LEVELS))
+        self._tables = tuple(single(f"tables.{level}") for level in range(GRID_LEVELS))
         self._lookups = grid.lookups
-        self._resolutions = np.array([grid.resolution >> (LEVELS - 1 - level) for level in range(LEVELS)])
+        self._resolutions = np.array(
+            [grid.resolution >> (GRID_LEVELS - 1 - level) for level in range(GRID_LEVELS)]
+        )
         layers = [single(f"direct.{layer}.{kind}") for layer in (0, 2, 4) for kind in ("weight", "bias")]
         self._direct = tuple(layers)
         bounced = single("bounced.0.weight")
@@ -157,7 +159,7 @@ class CompiledNetwork:
         features, albedo = _rows(count, terms - 3), _rows(count, 3)
         _features(
             points.position, points.normal, self._tables, self._lookups, self._resolutions, HALF_WIDTH,
-            *self._albedo, _rows(terms, BLOCK), _rows(3, BLOCK), features, albedo,
+            *self._albedo, _rows(terms, NETWORK_POINTS), _rows(3, NETWORK_POINTS), features, albedo,
         )  # fmt: skip
         return features, albedo
 
@@ -245,7 +247,7 @@ def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first
 
 @arrayless(relaxed_kernel)
 def _product(weight, inputs, out):
-    """Write the (n, BLOCK) product of (n, m) weights and (m, BLOCK) inputs to `out`.
+    """Write the (n, NETWORK_POINTS) product of (n, m) weights and (m, NETWORK_POINTS) inputs to `out`.
 
     BLAS may round a column by its place among the others, as OpenBLAS' kernel for Haswell does: a point's
     radiance would depend on which points are asked with it. Here every column has the same sums in the
@@ -255,12 +257,12 @@ def _product(weight, inputs, out):
     whole = terms - terms % 8
     for row in range(rows):
         w, total = weight[row], out[row]
-        for s in range(BLOCK):
+        for s in range(NETWORK_POINTS):
             total[s] = np.float32(0.0)
         for k in range(0, whole, 8):
             w0, w1, w2, w3 = w[k], w[k + 1], w[k + 2], w[k + 3]
             w4, w5, w6, w7 = w[k + 4], w[k + 5], w[k + 6], w[k + 7]
-            for s in range(BLOCK):
+            for s in range(NETWORK_POINTS):
                 total[s] += (
                     (w0 * inputs[k, s] + w1 * inputs[k + 1, s])
                     + (w2 * inputs[k + 2, s] + w3 * inputs[k + 3, s])
@@ -269,7 +271,7 @@ def _product(weight, inputs, out):
                 )
         for k in range(whole, terms):
             last = w[k]
-            for s in range(BLOCK):
+            for s in range(NETWORK_POINTS):
                 total[s] += last * inputs[k, s]
 
 
@@ -304,21 +306,21 @@ def _features(position, normal, tables, lookups, resolutions, half_width, albedo
               inputs, out, features, base):  # fmt: skip
     """Write features (n, f) of points and their albedo (n, 3); `inputs` and `out` are working memory."""
     count = len(position)
-    for start in range(0, count, BLOCK):
+    for start in range(0, count, NETWORK_POINTS):
         row = np.int64(0)  # a literal would have `_interpolate` compiled twice
         for level in range(4):
             table, lookup, resolution = tables[level], lookups[level], resolutions[level]
-            for s in range(BLOCK):
+            for s in range(NETWORK_POINTS):
                 i = min(start + s, count - 1)
                 _interpolate(table, lookup, resolution, half_width,
                              position[i, 0], position[i, 1], position[i, 2], inputs, row, s)  # fmt: skip
             row += table.shape[1]
-        for s in range(BLOCK):
+        for s in range(NETWORK_POINTS):
             i = min(start + s, count - 1)
             for axis in range(3):
                 inputs[row + axis, s] = normal[i, axis]
         _product(albedo, inputs, out)
-        for s in range(min(BLOCK, count - start)):
+        for s in range(min(NETWORK_POINTS, count - start)):
             for term in range(row):
                 features[start + s, term] = inputs[term, s]
             for channel in range(3):
@@ -375,13 +377,13 @@ def _reflected(row, to_light, features, normal, direction, direct, facing, mirro
     """
     pairs, count = len(row), features.shape[1]
     # Here and not by the caller: LLVM sees that they are apart, and is 7 % faster.
-    inputs = np.empty((direct[0].shape[1], BLOCK), np.float32)
-    first = np.empty((direct[0].shape[0], BLOCK), np.float32)
-    second = np.empty((direct[2].shape[0], BLOCK), np.float32)
-    out = np.empty((8, BLOCK), np.float32)
+    inputs = np.empty((direct[0].shape[1], NETWORK_POINTS), np.float32)
+    first = np.empty((direct[0].shape[0], NETWORK_POINTS), np.float32)
+    second = np.empty((direct[2].shape[0], NETWORK_POINTS), np.float32)
+    out = np.empty((8, NETWORK_POINTS), np.float32)
     lobe, fifth = out[6], out[7]
-    for start in range(0, pairs, BLOCK):
-        for s in range(BLOCK):
+    for start in range(0, pairs, NETWORK_POINTS):
+        for s in range(NETWORK_POINTS):
             pair = min(start + s, pairs - 1)
             i = row[pair]
             for term in range(count):
@@ -393,7 +395,7 @@ def _reflected(row, to_light, features, normal, direction, direct, facing, mirro
         _hidden(direct[0], direct[1], inputs, first)
         _hidden(direct[2], direct[3], first, second)
         _product(direct[4], second, out)
-        for s in range(min(BLOCK, pairs - start)):
+        for s in range(min(NETWORK_POINTS, pairs - start)):
             i = row[start + s]
             for channel in range(3):
                 even[start + s, channel] = 2 * _sigmoid(out[channel, s] + direct[5][channel])
@@ -448,24 +450,24 @@ def _bounced(which, lamps, shifts, irradiance, position, features, normal, direc
     count = len(which)
     zero = np.float32(0.0)
     b = bounced[0].shape[1] - 19
-    inputs = np.empty((b + 19, BLOCK), np.float32)
-    first = np.empty((bounced[0].shape[0], BLOCK), np.float32)
-    second = np.empty((bounced[1].shape[0], BLOCK), np.float32)
-    out = np.empty((3, BLOCK), np.float32)
-    for start in range(0, count, BLOCK):
-        for s in range(BLOCK):
+    inputs = np.empty((b + 19, NETWORK_POINTS), np.float32)
+    first = np.empty((bounced[0].shape[0], NETWORK_POINTS), np.float32)
+    second = np.empty((bounced[1].shape[0], NETWORK_POINTS), np.float32)
+    out = np.empty((3, NETWORK_POINTS), np.float32)
+    for start in range(0, count, NETWORK_POINTS):
+        for s in range(NETWORK_POINTS):
             i = min(start + s, count - 1)
             for term in range(b):
                 inputs[term, s] = features[i, term]
             _surroundings(position[i], normal[i], direction[i], lamps[which[i]], irradiance[i], inputs, b, s)
         _product(bounced[0], inputs, first)
-        for s in range(BLOCK):
+        for s in range(NETWORK_POINTS):
             shift = shifts[which[min(start + s, count - 1)]]
             for k in range(first.shape[0]):
                 first[k, s] = max(first[k, s] + shift[k], zero)
         _hidden(bounced[1], bounced[2], first, second)
         _product(bounced[3], second, out)
-        for s in range(min(BLOCK, count - start)):
+        for s in range(min(NETWORK_POINTS, count - start)):
             for channel in range(3):
                 answer[start + s, channel] = _softplus(out[channel, s] + bounced[4][channel])
 

@@ -22,7 +22,7 @@ from objectfolder.vision.network.directional_albedo import (
 
 # Of a point: squared GGX width, cosine of the camera, factors of the matt base, of the coat's and (3) of the
 # metal's reflection, and the base colour (3).
-TERMS = 10
+PRINCIPLED_TERMS = 10
 # Of a mirror the highlight of a lamp, a point, would be met by no ray.
 LEAST_ROUGHNESS = 0.01
 
@@ -54,7 +54,7 @@ class Principled:
     def terms(
         self, points: Points, base: np.ndarray, roughness: np.ndarray, metallic: np.ndarray
     ) -> np.ndarray:
-        """Return all (n, `TERMS`) float32 that no light changes.
+        """Return all (n, `PRINCIPLED_TERMS`) float32 that no light changes.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class Principled:
         roughness, metallic
             (n,) in 0..1.
         """
-        terms = np.empty((len(base), TERMS), dtype=np.float32)
+        terms = np.empty((len(base), PRINCIPLED_TERMS), dtype=np.float32)
         _terms(
             points.normal, points.direction, base, roughness, metallic, self._white, self._mean, self._rise,
             self._upright, self._upright_mean, LEAST_ROUGHNESS, terms,

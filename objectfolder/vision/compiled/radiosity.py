@@ -16,17 +16,17 @@ SITES, BOUNCES = 1500, 3
 # Points a site: light that arrives at a site is the mean of what arrives at those nearest to it.
 POINTS = 16
 # Steps of Lloyd's algorithm that spread the sites.
-STEPS = 3
-# Sites are as dense as the surface is near itself: by the mean of 1 / (distance + `NEAREST`) along rays, and
-# this share of its mean all over.
-NEAREST, EVERYWHERE, BOX = 0.05, 0.5, 16
+LLOYD_STEPS = 3
+# Sites are as dense as the surface is near itself: by the mean of 1 / (distance + `DENSITY_DISTANCE`) along
+# rays, and this share of its mean all over.
+DENSITY_DISTANCE, EVERYWHERE, BOX = 0.05, 0.5, 16
 # Sites whose exchange is found at a time.
-ROWS = 128
+SITES_AT_ONCE = 128
 # Light is interpolated from so many sites to places this far apart, of which faces take it.
-NEIGHBOURS, PITCH = 4, 1 / 64
+SITE_NEIGHBOURS, PITCH = 4, 1 / 64
 # A turn of the normal by one radian is as far as this distance: walls have two sides. And a distance within
 # which sites count alike.
-TURN, NEAR = 0.25, 0.01
+TURN, ALIKE_DISTANCE = 0.25, 0.01
 # Lights that a site is asked for at most.
 ASKED = 128
 # Sets of lights whose bounced light is remembered.
@@ -78,13 +78,13 @@ class Radiosity:
         met = np.flatnonzero(face >= 0)
         end = self._lit.points(face[met], barycentric[met], direction[met]).position
         wanted = np.zeros(len(face))
-        wanted[met] = 1 / (np.linalg.norm(end - start[met], axis=1) + NEAREST)
+        wanted[met] = 1 / (np.linalg.norm(end - start[met], axis=1) + DENSITY_DISTANCE)
         order = cKDTree(places[:, :3]).indices  # along its leaves: what follows is near
         smooth = np.convolve(np.pad(wanted[order], BOX, mode="edge"), np.ones(2 * BOX + 1), "valid")
         wanted[order] = smooth + EVERYWHERE * smooth.mean() + 1e-9
         total = np.cumsum(wanted[order])
         centre = places[order[np.searchsorted(total, (np.arange(SITES) + 0.5) / SITES * total[-1])]]
-        for _ in range(STEPS):
+        for _ in range(LLOYD_STEPS):
             site = np.asarray(cKDTree(centre).query(places)[1])
             weight = np.bincount(site, wanted, minlength=SITES)
             total = [np.bincount(site, wanted * column, minlength=SITES) for column in places.T]
@@ -102,8 +102,8 @@ class Radiosity:
         position, normal = self._sites.position, self._sites.upright
         start = position + SELF_OFFSET * self._lit.facets[self._sites.face]
         exchange = np.zeros((SITES, SITES), dtype=np.float32)
-        for first in range(0, SITES, ROWS):
-            rows = np.arange(first, min(first + ROWS, SITES))
+        for first in range(0, SITES, SITES_AT_ONCE):
+            rows = np.arange(first, min(first + SITES_AT_ONCE, SITES))
             # Each pair once: what i sees of j, j sees of i.
             columns = np.arange(first, SITES)
             way = position[columns] - position[rows][:, None]
@@ -124,8 +124,8 @@ class Radiosity:
         face, barycentric = self._lattice.places(np.zeros((1, 2)))
         points = self._lit.points(face, barycentric, -self._lit.facets[face])
         place = self._lattice.mean(_places(points))
-        distance, near = map(np.asarray, cKDTree(_places(self._sites)).query(place, NEIGHBOURS))
-        share = 1 / (distance + NEAR) ** 2
+        distance, near = map(np.asarray, cKDTree(_places(self._sites)).query(place, SITE_NEIGHBOURS))
+        share = 1 / (distance + ALIKE_DISTANCE) ** 2
         return near, share / share.sum(axis=1, keepdims=True)
 
     def irradiance(

@@ -17,7 +17,7 @@ from objectfolder.vision.compiled.radiosity import Lights
 from objectfolder.vision.compiled.rasteriser import meet_planes
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.surroundings import Gathered, Surroundings
-from objectfolder.vision.compiled.visibility import MARGIN, Crop, Projection, View, look
+from objectfolder.vision.compiled.visibility import MARGIN_PX, Crop, Projection, View, look
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
@@ -34,7 +34,7 @@ TARGETS = np.zeros((MOST_SHADED, MOST_SHADED, 2), dtype=np.float32)
 for _count in range(1, MOST_SHADED + 1):
     TARGETS[_count - 1, :_count] = sub_ray_offsets(_count)
 # From so many lights on, each is asked at one point of a group only, the next light at another.
-MANY = 32
+LIGHTS_IN_TURN = 32
 # At `MORE` points where normals turn in a pixel: 1 - length of their mean, in squared widths of the lobe.
 CURVED, MORE = 0.03, 4
 # The same, and the difference to a neighbour in sRGB, from which on `Effort.shaded_uneven` points meet a
@@ -237,7 +237,7 @@ class CompiledRenderer:
         colour = np.zeros((len(view.rows), 3))
         lights = list(_lights(light_position, light_colour))
         if len(colour) and lights:
-            many = len(lights) >= MANY
+            many = len(lights) >= LIGHTS_IN_TURN
             labels = _labels(view)
             if known or not many:
                 probes = self._chosen(view, labels, np.ones(len(colour), dtype=np.int64))
@@ -286,7 +286,7 @@ class CompiledRenderer:
             size,
             field_of_view_deg,
             crop or (0, 0, *size),
-            MARGIN + reach,
+            MARGIN_PX + reach,
         )
         samples = effort.samples, effort.samples_uneven, effort.samples_outline
         return look(projection, self._surface.facets, *samples)
@@ -414,7 +414,7 @@ class CompiledRenderer:
         network = self._network
         assert isinstance(network, KnownLight)
         samples = np.where(chosen.pixel < view.samples[1].start, 1, ENDS) * network.samples
-        turns = network.samples if len(lights[0]) >= MANY else 1
+        turns = network.samples if len(lights[0]) >= LIGHTS_IN_TURN else 1
         parts = network.in_gloss(chosen.points, known, _cast(view, chosen), samples, lights, turns)
         above, below = (sum_by_pixel(chosen.pixel, chosen.weight, part, len(view.rows)) for part in parts)
         return _smoother(view, probes)(SMOOTH_LOBE * float(network.alpha2), above, below)

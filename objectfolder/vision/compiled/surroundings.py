@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from objectfolder.jit import kernel
-from objectfolder.vision.compiled.known_light import FAR, KnownLight
+from objectfolder.vision.compiled.known_light import INFINITE_DISTANCE, KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.lobes import Cast, lobe_directions, scattered, stepped
 from objectfolder.vision.compiled.network import CompiledNetwork
-from objectfolder.vision.environment import LIGHTS, Environment
+from objectfolder.vision.environment import MAP_LIGHTS, Environment
 from objectfolder.vision.network.incidence import SELF_OFFSET
 from objectfolder.vision.network.network_layout import LEAST_COSINE
 
@@ -90,15 +90,15 @@ class Surroundings:
         network, around = self._network, self._environment
         features, _ = network.features(points)
         arriving, unhindered, bounced, told = (np.zeros((len(features), 3)) for _ in range(4))
-        turns = LIGHTS // LIGHTS_A_PIXEL
+        turns = MAP_LIGHTS // LIGHTS_A_PIXEL
         turn = (4 * (cast.rows % 4) + cast.columns % 4) * 5 % turns
         if bounces and isinstance(network, KnownLight):
             bounced = network.bounced_round(points, features, around)
         for index in range(LIGHTS_A_PIXEL):
             light = index * turns + (turn + 3 * index) % turns
             direction, power = around.directions[light], around.powers[light]
-            irradiance, hidden = self._surface.light_from(points, FAR * direction)
-            irradiance *= FAR**2
+            irradiance, hidden = self._surface.light_from(points, INFINITE_DISTANCE * direction)
+            irradiance *= INFINITE_DISTANCE**2
             unhindered += irradiance[:, None] * power
             irradiance[hidden] = 0.0
             lit = np.flatnonzero(irradiance)
@@ -212,7 +212,9 @@ class Surroundings:
         """
         network, volumes = self._network, self._surface.volumes
         if not isinstance(network, KnownLight):
-            return ~volumes.occluded(start, start + FAR * direction, np.ones(len(start), dtype=bool)), matt
+            return ~volumes.occluded(
+                start, start + INFINITE_DISTANCE * direction, np.ones(len(start), dtype=bool)
+            ), matt
         face, barycentric = volumes.first_hits(start, direction)
         met, radiance = np.flatnonzero(face >= 0), np.zeros((len(face), 3))
         points = self._surface.points(face[met], barycentric[met], direction[met])

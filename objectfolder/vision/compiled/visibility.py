@@ -11,7 +11,7 @@ from objectfolder.vision.compiled.grouping import group_samples
 from objectfolder.vision.compiled.rasteriser import edge_functions, rasterise
 
 # What a pixel looks like depends on neighbours at most this far away, pixels.
-MARGIN = 2
+MARGIN_PX = 2
 # Pixels of outlines that are sampled at a time: 130 MB at 1024 sub-samples.
 OUTLINE_AT_ONCE = 1 << 14
 # (top, left, height, width) of a part of an image, pixels.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from objectfolder.vision.network.reflectance import Reflectance
 
 # Directions of light over which the reflectance is summed.
-LIGHTS = 24
+LIGHT_DIRECTIONS = 24
 # Reflectance at normal incidence of a dielectric of index 1.5, which the base colour does not have.
 DIELECTRIC_F0 = 0.04
 # An irradiance so large that bounced light, which does not grow with it, drops out.
@@ -78,7 +78,7 @@ def network_colour(
     face: np.ndarray,
     barycentric: np.ndarray,
     metallic: float,
-    directions: int = LIGHTS,
+    directions: int = LIGHT_DIRECTIONS,
 ) -> np.ndarray:
     """Return (n, 4) opaque RGBA, sRGB-encoded, that a VisionNet states, or amounts to.
 

@@ -22,8 +22,8 @@ from objectfolder.vision.export.files import Credit, write_json
 from objectfolder.vision.export.posed_views import PosedViews
 
 # There is no third set. Readers of the Blender-synthetic layout demand one.
-VALIDATION = "the held-out views again: choose nothing by them that is then scored on the test views"
-LIGHT = (
+VALIDATION_NOTE = "the held-out views again: choose nothing by them that is then scored on the test views"
+LIGHT_CONVENTION = (
     "one point light a frame: light_position = pl_pos, frame of the poses; pl_intensity in watts per "
     "steradian: Lambertian radiance = albedo / pi * pl_intensity * cos / distance^2"
 )
@@ -45,7 +45,7 @@ def write_transforms(folder: Path, views: PosedViews, credit: Credit, *, exr: bo
     stems = [_stem(name) for name in views.names]
     views.write_images(folder, folder / "linear" if exr else None, stems)
     shared = {
-        "light": LIGHT,
+        "light": LIGHT_CONVENTION,
         "frame": views.described_frame(),
         "object": credit.to_dict(),
         "image": "8-bit sRGB, straight alpha; blend over a background in encoded values",
@@ -56,7 +56,7 @@ def write_transforms(folder: Path, views: PosedViews, credit: Credit, *, exr: bo
         files[f"transforms_{name}.json"] = {
             "camera_angle_x": camera_angle_x(views),
             **shared,
-            **({"validation": VALIDATION} if name == "val" else {}),
+            **({"validation": VALIDATION_NOTE} if name == "val" else {}),
             "frames": [_frame(views, row, f"./{_stem(views.names[row])}", exr) for row in rows],
         }
     files["transforms.json"] = _with_intrinsics(views, shared, exr)
@@ -90,7 +90,7 @@ def _with_intrinsics(views: PosedViews, shared: dict[str, Any], exr: bool) -> di
         "train_filenames": [path for path, kept in zip(paths, views.held_out, strict=True) if not kept],
         "val_filenames": held_out,
         "test_filenames": held_out,
-        "validation": VALIDATION,
+        "validation": VALIDATION_NOTE,
         "frames": [_frame(views, row, path, exr) for row, path in enumerate(paths)],
     }
 

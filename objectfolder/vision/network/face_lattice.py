@@ -20,7 +20,7 @@ MOST_STEPS = 1024
 MOST_PLACES = 1 << 21
 """Of a lattice: six times those of a chair, 1/192 of its length apart."""
 
-AROUND = 0.6
+HALF_SIDE = 0.6
 """No coordinate of the unit frame is below this less than zero: cubes are counted from there."""
 
 _CELLS = (1 << 11) - 1
@@ -98,7 +98,7 @@ class FaceLattice:
         for axis in range(3):
             a, b, c = self._triangles[..., axis].T
             position = barycentric[:, 0] * a[face] + barycentric[:, 1] * b[face] + barycentric[:, 2] * c[face]
-            cell = np.floor((position + AROUND) / self._pitch).astype(np.int64)
+            cell = np.floor((position + HALF_SIDE) / self._pitch).astype(np.int64)
             key |= _SPREAD[cell & _CELLS] << 2 - axis
         return np.unique(key, return_inverse=True)[1].ravel()
 

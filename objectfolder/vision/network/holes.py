@@ -6,9 +6,9 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.network.surface_maps import WHOLE, SurfaceMaps
+from objectfolder.vision.network.surface_maps import MAP_WHOLE, SurfaceMaps
 
-MOST_PIECES = 3 << 16
+MOST_HOLE_PIECES = 3 << 16
 """Triangles that faces with holes are cut into before the holes are left out; more make the cuts coarser."""
 
 THERE = 0.5
@@ -76,10 +76,12 @@ def without_holes(maps: SurfaceMaps) -> CutSurface:
 def _steps(maps: SurfaceMaps) -> np.ndarray:
     """Steps (F,) along an edge that a face is divided into; 0 for one without holes."""
     lattice = maps.lattice("alpha")
-    steps = np.where(lattice.least(maps.levels["alpha"][:, 0]) / WHOLE["alpha"] < THERE, lattice.steps, 0)
+    steps = np.where(lattice.least(maps.levels["alpha"][:, 0]) / MAP_WHOLE["alpha"] < THERE, lattice.steps, 0)
     pieces = int((steps**2).sum())
-    if pieces > MOST_PIECES:
-        steps = np.where(steps > 0, np.maximum(1, steps * (MOST_PIECES / pieces) ** 0.5), 0).astype(np.int64)
+    if pieces > MOST_HOLE_PIECES:
+        steps = np.where(steps > 0, np.maximum(1, steps * (MOST_HOLE_PIECES / pieces) ** 0.5), 0).astype(
+            np.int64
+        )
     return np.asarray(steps)
 
 

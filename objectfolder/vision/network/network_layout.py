@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from itertools import pairwise
 
-WIDTH = 64
+LAYER_WIDTH = 64
 # Features a corner of each level holds, coarse to fine.
 FEATURES = (8, 8, 4, 3)
 # The coarse levels that the bounced light may depend on: finer ones would fit the renderer's noise.
@@ -36,8 +36,8 @@ def weight_shapes(sizes: Sequence[int], mirrors: bool = False) -> dict[str, tupl
     for level, size in enumerate(sizes):
         shapes[f"tables.{level}"] = (size, FEATURES[level])
     layers = {
-        "direct": (features + ANGLES, WIDTH, WIDTH, 6),
-        "bounced": (sum(FEATURES[:COARSE_LEVELS]) + SURROUNDINGS, WIDTH, WIDTH, 3),
+        "direct": (features + ANGLES, LAYER_WIDTH, LAYER_WIDTH, 6),
+        "bounced": (sum(FEATURES[:COARSE_LEVELS]) + SURROUNDINGS, LAYER_WIDTH, LAYER_WIDTH, 3),
     }
     for name, widths in layers.items():
         for index, (inputs, outputs) in enumerate(pairwise(widths)):

@@ -22,9 +22,9 @@ from objectfolder.vision.network.network_layout import (
     ANGLES,
     COARSE_LEVELS,
     FEATURES,
+    LAYER_WIDTH,
     LEAST_COSINE,
     SURROUNDINGS,
-    WIDTH,
 )
 
 with needs_extra("factory"):
@@ -159,18 +159,18 @@ class Reflectance(nn.Module):
         )
         features, coarse = sum(FEATURES), sum(FEATURES[:COARSE_LEVELS])
         self.direct = nn.Sequential(
-            nn.Linear(features + ANGLES, WIDTH),
+            nn.Linear(features + ANGLES, LAYER_WIDTH),
             nn.ReLU(),
-            nn.Linear(WIDTH, WIDTH),
+            nn.Linear(LAYER_WIDTH, LAYER_WIDTH),
             nn.ReLU(),
-            nn.Linear(WIDTH, 6),
+            nn.Linear(LAYER_WIDTH, 6),
         )
         self.bounced = nn.Sequential(
-            nn.Linear(coarse + SURROUNDINGS, WIDTH),
+            nn.Linear(coarse + SURROUNDINGS, LAYER_WIDTH),
             nn.ReLU(),
-            nn.Linear(WIDTH, WIDTH),
+            nn.Linear(LAYER_WIDTH, LAYER_WIDTH),
             nn.ReLU(),
-            nn.Linear(WIDTH, 3),
+            nn.Linear(LAYER_WIDTH, 3),
         )
         self.albedo = nn.Linear(features + 3, 3)
         # GGX width of the highlight that the network scales.

@@ -15,7 +15,7 @@ from objectfolder.surface.surface import Surface
 
 # The grid reaches a little past the unit box: a compressed surface may.
 HALF_WIDTH = 0.51
-LEVELS = 4
+GRID_LEVELS = 4
 LARGEST_RESOLUTION = 256  # cells a side: 78 MB of lookups, and up to 290 while they are made
 CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
 
@@ -87,7 +87,7 @@ class SparseGrid:
         """For each level, coarse to fine, the row of each corner ((r+1)^3 int32), or -1."""
         cells = self.occupancy
         result = []
-        for level in range(LEVELS):
+        for level in range(GRID_LEVELS):
             if level:
                 half = cells.shape[0] // 2
                 cells = cells.reshape(half, 2, half, 2, half, 2).any(axis=(1, 3, 5))
@@ -113,7 +113,7 @@ class SparseGrid:
         """
         result = []
         for level, lookup in enumerate(self.lookups):
-            resolution = self.resolution >> (LEVELS - 1 - level)
+            resolution = self.resolution >> (GRID_LEVELS - 1 - level)
             position = _to_cells(points, resolution)
             cell = position.astype(np.int32)
             fraction = (position - cell).astype(np.float32)

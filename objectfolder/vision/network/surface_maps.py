@@ -22,13 +22,13 @@ from objectfolder.vision.network.face_lattice import (
     unpack_levels,
 )
 
-CHANNELS = {"normal": 2, "alpha": 1, "albedo": 3, "roughness": 1, "metallic": 1}
-WHOLE = {"normal": 64, "alpha": 255, "albedo": 63, "roughness": 63, "metallic": 63}
+MAP_CHANNELS = {"normal": 2, "alpha": 1, "albedo": 3, "roughness": 1, "metallic": 1}
+MAP_WHOLE = {"normal": 64, "alpha": 255, "albedo": 63, "roughness": 63, "metallic": 63}
 """Levels from 0 to 1: what 8 bits keep beyond these is below the error between the places."""
 FINEST_PITCH = 1 / 1024
 MOST_PITCHES = 3
 """Of a file: that of alpha, that of albedo, that of the others; a lattice of each takes time and memory."""
-UPRIGHT = WHOLE["normal"]
+UPRIGHT = MAP_WHOLE["normal"]
 """Level of a normal that is not bent."""
 
 
@@ -43,10 +43,10 @@ class SurfaceMaps:
     triangles
         Their corners, unit frame.
     pitches
-        By name, of `CHANNELS`, the pitch of a map's lattice, unit-frame lengths.
+        By name, of `MAP_CHANNELS`, the pitch of a map's lattice, unit-frame lengths.
     levels
-        By name (size, channels) uint8: roughness, metallic, alpha, sRGB-encoded albedo 0..1 as 0 to `WHOLE`;
-        of a normal its parts along `tangent_frame`, -1..1 as 0 to twice that.
+        By name (size, channels) uint8: roughness, metallic, alpha, sRGB-encoded albedo 0..1 as 0 to
+        `MAP_WHOLE`; of a normal its parts along `tangent_frame`, -1..1 as 0 to twice that.
     """
 
     surface: Surface
@@ -70,14 +70,14 @@ class SurfaceMaps:
             An unknown map, one without its stream or the reverse, a damaged stream, a pitch out of range,
             more pitches than `MOST_PITCHES`.
         """
-        if set(said) != set(streams) or not set(said) <= set(CHANNELS):
+        if set(said) != set(streams) or not set(said) <= set(MAP_CHANNELS):
             raise FormatError("vision.maps", "other maps than are described", REMEDY)
         pitches, levels = {}, {}
         for name in said:
             pitches[name] = number(f"vision.maps.{name}", said[name]["pitch"], FINEST_PITCH, 1.0)
             size = whole_number(f"vision.maps.{name}", said[name]["values"], 1, MOST_PLACES)
             try:
-                levels[name] = _joined(unpack_levels(streams[name], size, CHANNELS[name]))
+                levels[name] = _joined(unpack_levels(streams[name], size, MAP_CHANNELS[name]))
             except ValueError as error:
                 raise FormatError(f"vision.map.{name}", f"damaged ({error})", REMEDY) from error
         if len(set(pitches.values())) > MOST_PITCHES:
@@ -124,13 +124,13 @@ class SurfaceMaps:
 
     def value(self, name: str, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Return a map (n, channels) in 0..1 at barycentric coordinates (n, 3) of faces (n,)."""
-        return self.lattice(name).interpolate(self.levels[name], face, barycentric) / WHOLE[name]
+        return self.lattice(name).interpolate(self.levels[name], face, barycentric) / MAP_WHOLE[name]
 
     def bent(self, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Return unit shading normals (n, 3), outside, bent by the map of normals."""
         upright = self.surface.normals_at(face, barycentric)
         levels = self.lattice("normal").interpolate(self.levels["normal"], face, barycentric)
-        aside = (levels - UPRIGHT) / WHOLE["normal"]
+        aside = (levels - UPRIGHT) / MAP_WHOLE["normal"]
         rise = np.sqrt(np.maximum(1 - (aside**2).sum(axis=1, keepdims=True), 0.0))
         first, second = tangent_frame(self._facing[face], upright)
         bent = aside[:, :1] * first + aside[:, 1:] * second + rise * upright

@@ -12,7 +12,7 @@ from objectfolder.vision.network.incidence import UnitSurface
 
 CENTRE = np.array([[0.5, 0.5]])
 # Rays traced at a time: bounds the memory of a render.
-CHUNK = 1 << 16
+CAST_RAYS = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ def cast_pixel_centres(
     pixels = (rows[:, None] * size[1] + columns).ravel()
     met: list[tuple[np.ndarray, ...]] = [(np.zeros(0, dtype=np.int64), np.zeros((0, 3)))]
     places = ((rows[:, None] - top) * width + columns - left).ravel()
-    for start in range(0, len(pixels), CHUNK):
+    for start in range(0, len(pixels), CAST_RAYS):
         origins, directions = pixel_rays(
-            camera_to_world, pixels[start : start + CHUNK], CENTRE, size, field_of_view_deg
+            camera_to_world, pixels[start : start + CAST_RAYS], CENTRE, size, field_of_view_deg
         )
         face, barycentric = surface.first_hits(origins, directions)
         hit = np.flatnonzero(face >= 0)

@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike
 from objectfolder.errors import QueryError
 from objectfolder.query_values import image_sides, real, real_array, whole
 
-FARTHEST = 1e6  # coordinate of a camera or a light, times the object's size: its square is a float32
-BRIGHTEST = 1e6  # factor of the data set's light
+LARGEST_COORDINATE = (
+    1e6  # coordinate of a camera or a light, times the object's size: its square is a float32
+)
+LARGEST_COLOUR = 1e6  # factor of the data set's light
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def light_colours(colours: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarr
     Raises
     ------
     QueryError
-        A shape that does not fit that of the lights, or values not within 0 to `BRIGHTEST`.
+        A shape that does not fit that of the lights, or values not within 0 to `LARGEST_COLOUR`.
     """
     factors = np.ones(3) if colours is None else real_array("colours", colours)
     # A colour for each light: one that numpy would repeat over a longer axis of another meaning is refused.
@@ -95,8 +97,8 @@ def light_colours(colours: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarr
             f"shape {factors.shape} for lights {shape}",
             "Give (3,) for all lights, or (k, 3) or (n, k, 3), red, green and blue of each.",
         )
-    if not ((factors >= 0) & (factors <= BRIGHTEST)).all():
-        raise QueryError("colours", "a value out of range", f"Give 0 to {BRIGHTEST:g}.")
+    if not ((factors >= 0) & (factors <= LARGEST_COLOUR)).all():
+        raise QueryError("colours", "a value out of range", f"Give 0 to {LARGEST_COLOUR:g}.")
     return np.broadcast_to(factors, shape)
 
 
@@ -154,12 +156,14 @@ def pass_names(passes: Any, known: Sequence[str]) -> tuple[str, ...]:
 
 
 def require_near(name: str, positions: np.ndarray) -> None:
-    """Refuse positions, unit frame, beyond `FARTHEST`.
+    """Refuse positions, unit frame, beyond `LARGEST_COORDINATE`.
 
     Raises
     ------
     QueryError
         One of them.
     """
-    if not np.abs(positions).max(initial=0.0) <= FARTHEST:
-        raise QueryError(name, f"more than {FARTHEST:g} times the object's size away", "Come nearer.")
+    if not np.abs(positions).max(initial=0.0) <= LARGEST_COORDINATE:
+        raise QueryError(
+            name, f"more than {LARGEST_COORDINATE:g} times the object's size away", "Come nearer."
+        )

@@ -10,7 +10,7 @@ from objectfolder.vision.cameras import pixel_rays, sub_ray_offsets
 from objectfolder.vision.truth.render_request import Scene
 
 # Two casts of a chain and a clamp agree within 56 dB at their outlines; 256 paths have 45.
-RAYS = 1024
+COVERAGE_RAYS = 1024
 # Pixels cast at a time: 100 MB.
 PIXELS_AT_ONCE = 512
 
@@ -36,7 +36,7 @@ def with_cast_coverage(
     """
     if scene.has_holes:
         return rgba
-    surface, offsets = Surface(scene.vertices, scene.faces), sub_ray_offsets(RAYS)
+    surface, offsets = Surface(scene.vertices, scene.faces), sub_ray_offsets(COVERAGE_RAYS)
     height, width = rgba.shape[1:3]
     result = rgba.copy()
     for view, pose in enumerate(camera_to_world):
@@ -46,7 +46,7 @@ def with_cast_coverage(
         for places in np.split(partly, range(PIXELS_AT_ONCE, len(partly), PIXELS_AT_ONCE)):
             shifted = (offsets + random.random((len(places), 1, 2))) % 1.0
             hits = surface.ray_hits(*pixel_rays(pose, places, shifted, (height, width), field_of_view_deg))
-            alpha = (hits.face >= 0).reshape(-1, RAYS).mean(axis=1)
+            alpha = (hits.face >= 0).reshape(-1, COVERAGE_RAYS).mean(axis=1)
             rendered = pixels[places].astype(np.float64)
             # What no ray meets is thinner than the rays are apart: the renderer's share is all that is known.
             alpha = np.where(alpha > 0, alpha, rendered[:, 3])

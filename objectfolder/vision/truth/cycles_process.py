@@ -13,7 +13,7 @@ from objectfolder.vision.truth.render_request import Scene, Shots, save_request
 # Blender's memory grows with every render.
 VIEWS_PER_PROCESS = 120
 # The largest half-precision number.
-BRIGHTEST = 65504.0
+LARGEST_HALF = 65504.0
 
 
 def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
@@ -48,7 +48,7 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
                 ),
             )
             _run(request, result)
-            images[part] = np.clip(np.load(result), 0.0, BRIGHTEST)
+            images[part] = np.clip(np.load(result), 0.0, LARGEST_HALF)
             result.unlink()
     return images
 

@@ -31,7 +31,7 @@ NOISE_VIEWS = 2
 # Held-out pixels get this share of their samples at least, and this multiple where noise remains.
 LEAST_SHARE, MOST_SHARE = 0.5, 8
 # Seeds are below 2^30; this bit makes the seed of a repeat.
-REPEAT = 1 << 30
+REPEAT_SEED = 1 << 30
 NOISE_FLOOR = (
     "PSNR on white of the held-out views against the noise-free image: 3.01 dB above the PSNR between two "
     "renders of the first held-out views with independent seeds at the held-out sample count, squared "
@@ -138,7 +138,7 @@ def _rendered(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the images of training and held-out views, and the noise attributes; `how` ends `Shots`."""
     # The repeats that measure the noise ride with the held-out views: same sample count, same process.
-    repeated = (held_out[0][:NOISE_VIEWS], held_out[1][:NOISE_VIEWS], held_out[2][:NOISE_VIEWS] ^ REPEAT)
+    repeated = (held_out[0][:NOISE_VIEWS], held_out[1][:NOISE_VIEWS], held_out[2][:NOISE_VIEWS] ^ REPEAT_SEED)
     noisy = _held_out_images(scene, _joined(held_out, repeated), samples[1], how)
     trained = render_in_children(scene, Shots(*training, samples[0], *how))
     count = len(held_out[0])

@@ -19,12 +19,12 @@ MATERIALS = "known", "learned"
 # time. Up to the second they pay where the surface fills this share of its own view (`filled_view`): a rack
 # of wire and a chain of 0.4 gain 2.7 and 2.8 dB for 1.6 and 1.4 times the time. A spoon sees less of itself.
 SMOOTH, MOST_ROUGHNESS = 0.3, 0.4
-FILLED = 0.2
+FILLED_SHARE = 0.2
 FILLED_RAYS = 4000
 # Looks at a pixel in the course of training beyond which more rays a look are worth more than more looks.
 ENOUGH_LOOKS = 5
 # Rays through a training pixel, at least and at most.
-FEW_RAYS, MOST_RAYS = 4, 24
+FEW_RAYS, MOST_TRAINING_RAYS = 4, 24
 # Of thin objects: rays for each share of covered pixels that are outline, above what a solid body has.
 RAYS_OF_OUTLINE, OUTLINE_OF_SOLID = 100, 0.1
 
@@ -109,7 +109,7 @@ def shows_itself(appearance: Appearance, surface: Surface) -> bool:
     """Whether one mirror ray a point pays: a conductor that is smooth, or less so and faces itself."""
     if appearance.metallic < 0.5 or appearance.roughness > MOST_ROUGHNESS:
         return False
-    return appearance.roughness <= SMOOTH or filled_view(surface) >= FILLED
+    return appearance.roughness <= SMOOTH or filled_view(surface) >= FILLED_SHARE
 
 
 def filled_view(surface: Surface) -> float:
@@ -139,7 +139,7 @@ def rays_to_meet(appearance: Appearance, mirrors: bool) -> int:
     """
     roughness = max(appearance.roughness, 1e-3)
     wanted = 3.0 / roughness if mirrors else max(0.19 / roughness**3, min(3.0 / roughness, 6.0))
-    return int(np.clip(round(wanted), FEW_RAYS, MOST_RAYS))
+    return int(np.clip(round(wanted), FEW_RAYS, MOST_TRAINING_RAYS))
 
 
 def rays_to_average(pixels: int, rays: int) -> int:
@@ -149,7 +149,7 @@ def rays_to_average(pixels: int, rays: int) -> int:
     at edges the fit is to the noise. An object with few pixels is looked at often enough to afford more
     at equal cost: a pair of scissors gains 6 dB by 12 or 24 rays in place of 4.
     """
-    return int(np.clip(rays // (ENOUGH_LOOKS * max(pixels, 1)), FEW_RAYS, MOST_RAYS))
+    return int(np.clip(rays // (ENOUGH_LOOKS * max(pixels, 1)), FEW_RAYS, MOST_TRAINING_RAYS))
 
 
 def rays_to_resolve(outline: float) -> int:

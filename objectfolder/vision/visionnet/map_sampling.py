@@ -14,8 +14,8 @@ from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.network.face_lattice import FaceLattice, facing
 from objectfolder.vision.network.surface_maps import (
-    CHANNELS,
-    WHOLE,
+    MAP_CHANNELS,
+    MAP_WHOLE,
     SurfaceMaps,
     lattice_of,
     tangent_frame,
@@ -119,9 +119,9 @@ def _levels(
             total = total + _aside(surface, mapped, *places)
         else:
             total = total + _values(mesh, name, getattr(appearance, name, 1.0), *places)
-    lowest = WHOLE[name] if name == "normal" else 0
+    lowest = MAP_WHOLE[name] if name == "normal" else 0
     mean = lattice.mean(np.asarray(total) / taps**2)
-    return np.asarray(np.rint(lowest + WHOLE[name] * mean).astype(np.uint8))
+    return np.asarray(np.rint(lowest + MAP_WHOLE[name] * mean).astype(np.uint8))
 
 
 def _has(mesh: TexturedMesh, name: str) -> bool:
@@ -151,7 +151,7 @@ def _values(
 ) -> np.ndarray:
     """Map (n, channels) in 0..1 at barycentric coordinates (n, 3) of faces (n,); albedo sRGB-encoded."""
     coordinates = np.einsum("ij,ijk->ik", barycentric, mesh.texture_coordinates[face])
-    values = np.full((len(face), CHANNELS[name]), constant)
+    values = np.full((len(face), MAP_CHANNELS[name]), constant)
     for texture, image in enumerate(mesh.textures):
         own = np.flatnonzero(mesh.face_texture[face] == texture)
         if name == "albedo":

@@ -25,7 +25,7 @@ from objectfolder.vision.cameras import (
 from objectfolder.vision.compositing import on_white
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.lamps import Lamps
-from objectfolder.vision.rendering.view_query import FARTHEST, pass_names, ray_query, view_query
+from objectfolder.vision.rendering.view_query import LARGEST_COORDINATE, pass_names, ray_query, view_query
 from objectfolder.vision.studio import STUDIOS, exposed, exposure, studio_lights, turntable
 from objectfolder.vision.visionnet.earlier_lights import earlier_lights
 from objectfolder.vision.visionnet.visionnet import PASSES, VisionNet
@@ -275,7 +275,7 @@ class SightQueries:
         ((4, 4, 4), (4, 3))
         """
         count, random = whole("n", n, 0, MOST_SAMPLED), generator(seed)
-        radius = real("camera_radius", camera_radius, 1e-3, FARTHEST)
+        radius = real("camera_radius", camera_radius, 1e-3, LARGEST_COORDINATE)
         cameras = look_at(uniform_on_sphere(count, radius, random))
         lights = uniform_on_sphere(count, LIGHT_RADIUS, random)
         if lit:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.surface.parallel_views import LIGHT, Floats, axes_towards, look
+from objectfolder.surface.parallel_views import LIGHT_DIRECTION, Floats, axes_towards, look
 from objectfolder.surface.texture_lookup import bilinear
 
 SAMPLES = 2
@@ -85,7 +85,7 @@ def draw(mesh: TexturedMesh, view: View, side: float, pixels: int, tint: Tint | 
     own = _texture(mesh, faces, barycentric)
     if tint is not None:
         own = tint(surface.points_at(faces, barycentric), normals, own)
-    own = own * (0.45 + 0.55 * np.abs(normals @ view.axes.T @ LIGHT))[:, None]
+    own = own * (0.45 + 0.55 * np.abs(normals @ view.axes.T @ LIGHT_DIRECTION))[:, None]
     if view.cut:
         own[normals @ back < 0] = CUT
     colours = np.ones((len(visible), 3))

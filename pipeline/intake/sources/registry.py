@@ -5,7 +5,7 @@ from pathlib import Path
 
 from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
-from objectfolder.plugins import SOURCES as GROUP
+from objectfolder.plugins import SOURCE_GROUP as GROUP
 from objectfolder.plugins import Plugin, find_plugin, plugin_names
 from pipeline.dataset.validation import did_you_mean
 from pipeline.intake.sources.google_scanned_objects import GoogleScannedObjects

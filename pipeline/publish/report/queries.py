@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from objectfolder.fidelity.sheets import MOST_PIXELS
+from objectfolder.fidelity.sheets import SHEET_PIXELS
 from objectfolder.fidelity.sounds import cents
 from objectfolder.products.store import Product
 from objectfolder.products.tensor_file import read_tensor_file
@@ -154,7 +154,7 @@ def _gallery(fidelity: Product, sense: str, facts: list[list[Fact]], score: str,
     ranked = len(facts) - scores.count(None) or len(facts)
     kept = _spread(ranked, len(pairs[0]))
     shown = {kept[index]: index for index in _spread(len(kept), most)}
-    on_sheet = MOST_PIXELS // height if f"{sense}_sheet" in fidelity else 0
+    on_sheet = SHEET_PIXELS // height if f"{sense}_sheet" in fidelity else 0
     items: list[Seen] = []
     for rank, row in enumerate(order):
         place = {0: "worst", ranked - 1: "best"}.get(rank, "" if rank < ranked else "no contact")
