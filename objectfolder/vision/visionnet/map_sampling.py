@@ -88,7 +88,7 @@ def sample_maps(
     while low < high:
         middle = (low + high) // 2
         try:
-            # Values at the places take no fewer bytes than means over their cells, in a ninth of the time.
+            # Values at the places mostly take no fewer bytes than means over their cells, in a ninth of the time.
             _, size = albedo(albedo_pitches[middle], 1)
         except FormatError:  # more places than a file may have
             high = middle
@@ -97,9 +97,12 @@ def sample_maps(
             high = middle
         else:
             low = middle + 1
-    if low:
+    while low:
         pitches["albedo"] = albedo_pitches[low - 1]
-        levels["albedo"], _ = albedo(pitches["albedo"], TAPS)
+        levels["albedo"], size = albedo(pitches["albedo"], TAPS)
+        if low == 1 or size <= ALBEDO_BYTES[material]:
+            break
+        low -= 1
     return SurfaceMaps(surface, triangles, pitches, levels)
 
 
