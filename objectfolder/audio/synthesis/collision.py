@@ -126,16 +126,18 @@ def collide(
     (0.03, 1.1)
     """
     alone_s = float(contact.duration_s(speed_m_s))
-    highest_hz = max((one.vibrations.highest_hz for one in colliders), default=0.0)
+    highest_hz = max((collider.vibrations.highest_hz for collider in colliders), default=0.0)
     most_s = alone_s / IN_CONTACT
     if highest_hz:
         most_s = min(most_s, max(1 / (IN_PERIOD * highest_hz), alone_s / MOST_IN_CONTACT))
     halvings = math.ceil(-math.log2(most_s))
     step_s = 2.0**-halvings
-    tables = [one.vibrations.steps(halvings) for one in colliders]
+    tables = [collider.vibrations.steps(halvings) for collider in colliders]
     steps = np.concatenate(tables, axis=1) if tables else np.zeros((6, 0))
-    gains = np.concatenate([one.gains for one in colliders]) if colliders else np.zeros(0)
-    eigenvalues = np.concatenate([one.vibrations.eigenvalues for one in colliders]) if colliders else gains
+    gains = np.concatenate([collider.gains for collider in colliders]) if colliders else np.zeros(0)
+    eigenvalues = (
+        np.concatenate([collider.vibrations.eigenvalues for collider in colliders]) if colliders else gains
+    )
     motion, forces = np.zeros((4, len(gains))), np.zeros(4 * IN_CONTACT)
     rigid, lost, taken = np.array([0.0, speed_m_s]), np.zeros(1), 0
     viscosity_s_m = _viscosity(restitution) / speed_m_s
@@ -151,7 +153,7 @@ def collide(
             raise QueryError("contact", finding, "Give a lighter or a harder striker.")
         forces = np.concatenate([forces, np.zeros(len(forces))])
     energies = (motion[3] ** 2 + eigenvalues * motion[2] ** 2) / 2
-    borders = np.cumsum([len(one.gains) for one in colliders])[:-1]
+    borders = np.cumsum([len(collider.gains) for collider in colliders])[:-1]
     pressed = np.flatnonzero(forces[:taken])
     return Collision(
         step_s,

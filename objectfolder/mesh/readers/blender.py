@@ -75,11 +75,11 @@ def _as_gltf(path: Path, _time: int, _size: int) -> tuple[bytes, dict[str, Any]]
             )
         except subprocess.TimeoutExpired as error:
             raise _unreadable(path, "it took too long") from error
-        said = result.with_name("read.json")
-        if done.returncode or not said.exists() or not result.exists():
+        report = result.with_name("read.json")
+        if done.returncode or not report.exists() or not result.exists():
             words = "it took too long" if done.returncode == OUT_OF_TIME else last_words(done.stderr)
             raise _unreadable(path, words)
-        return result.read_bytes(), json.loads(said.read_text())
+        return result.read_bytes(), json.loads(report.read_text())
 
 
 def _unreadable(path: Path, words: str) -> InputError:

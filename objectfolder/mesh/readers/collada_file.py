@@ -90,12 +90,12 @@ def _parts(
     remarks: dict[str, None],
 ) -> Iterator[TexturedMesh]:
     """Yield the polygons of a primitive as a mesh; nothing of lines and of what is empty."""
-    said = primitive.original
-    if not hasattr(primitive, "shapes") or not len(said.index) or hasattr(primitive, "lines"):
+    original = primitive.original
+    if not hasattr(primitive, "shapes") or not len(original.index) or hasattr(primitive, "lines"):
         return
-    indices = said.index.reshape(-1, said.nindices)  # a row for a corner, a column for an input
-    counts = said.vcounts if hasattr(said, "vcounts") else np.full(len(indices) // 3, 3)
-    corners = indices[:, said.sources["VERTEX"][0][0]].astype(np.int64)
+    indices = original.index.reshape(-1, original.nindices)  # a row for a corner, a column for an input
+    counts = original.vcounts if hasattr(original, "vcounts") else np.full(len(indices) // 3, 3)
+    corners = indices[:, original.sources["VERTEX"][0][0]].astype(np.int64)
     vertices = np.asarray(primitive.vertex, dtype=np.float64) * (unit_m or 1.0)
     if corners.min() < 0 or corners.max() >= len(vertices) or min(counts) < 3:
         raise ValueError("a polygon has fewer than three corners, or names a vertex that is not there")
@@ -133,15 +133,15 @@ def _looks(
             raise InputError(str(path), f"names the picture {name[:100]!r}, which is not there", remedy)
         _, chosen = primitive.inputmap.get(looks.texcoord, ("TEXCOORD", None))
         sets = sources.get("TEXCOORD", [])
-        one = next((one for one in sets if chosen is None or str(one[3]) == str(chosen)), None)
+        source = next((source for source in sets if chosen is None or str(source[3]) == str(chosen)), None)
         coordinates = np.full((len(corners) // 3, 3, 2), np.nan)
-        if one is not None:
-            coordinates = one[4].data[corners[:, one[0]], :2].reshape(-1, 3, 2).astype(np.float64)
+        if source is not None:
+            coordinates = source[4].data[corners[:, source[0]], :2].reshape(-1, 3, 2).astype(np.float64)
         return opaque(read_texture(picture)), coordinates
     if sources.get("COLOR"):
-        one = sources["COLOR"][0]
+        source = sources["COLOR"][0]
         colours = np.ones((len(corners), 4))
-        colours[:, :3] = np.clip(one[4].data[corners[:, one[0]], :3], 0, 1)
+        colours[:, :3] = np.clip(source[4].data[corners[:, source[0]], :3], 0, 1)
         texture, coordinates = corner_colour_atlas(colours.reshape(-1, 3, 4))
         return opaque(texture), coordinates
     colour = DEFAULT_COLOUR if looks is None else np.clip(np.asarray(looks[:3], dtype=np.float64), 0, 1)

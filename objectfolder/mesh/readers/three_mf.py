@@ -224,44 +224,46 @@ def _model(root: Element) -> _Model:
     items = [item for build in root.iter("build") for item in build.iter("item")]
     printed = [item for item in items if item.get("printable", "1") not in ("0", "false")] or items
     model = _Model(_UNITS_M[root.get("unit", "millimeter")], all_printed=len(printed) == len(items))
-    pictures = {one.get("id", ""): one.get("path", "") for one in root.iter("texture2d")}
+    pictures = {element.get("id", ""): element.get("path", "") for element in root.iter("texture2d")}
     for tag, item, key in (("basematerials", "base", "displaycolor"), ("colorgroup", "color", "color")):
         for group in root.iter(tag):
             model.colours[group.get("id", "")] = np.array(
-                [_colour(one.get(key, "")) for one in group.iter(item)]
+                [_colour(element.get(key, "")) for element in group.iter(item)]
             )
     for group in root.iter("texture2dgroup"):
-        pairs = [[float(one.attrib["u"]), float(one.attrib["v"])] for one in group.iter("tex2coord")]
+        pairs = [
+            [float(element.attrib["u"]), float(element.attrib["v"])] for element in group.iter("tex2coord")
+        ]
         model.pictures[group.get("id", "")] = (pictures[group.attrib["texid"]], np.array(pairs))
-    for one in root.iter("object"):
-        model.bodies[one.attrib["id"]] = _body(one)
+    for element in root.iter("object"):
+        model.bodies[element.attrib["id"]] = _body(element)
     model.items.extend(_place(item) for item in printed)
     return model
 
 
-def _body(said: Element) -> _Body:
-    of_all, first = said.get("pid", ""), said.get("pindex", "0")
-    vertices = [[float(one.attrib[axis]) for axis in "xyz"] for one in said.iter("vertex")]
-    triangles = [one.attrib for one in said.iter("triangle")]
-    faces = [[int(one[corner]) for corner in ("v1", "v2", "v3")] for one in triangles]
+def _body(element: Element) -> _Body:
+    of_all, first = element.get("pid", ""), element.get("pindex", "0")
+    vertices = [[float(vertex.attrib[axis]) for axis in "xyz"] for vertex in element.iter("vertex")]
+    triangles = [triangle.attrib for triangle in element.iter("triangle")]
+    faces = [[int(triangle[corner]) for corner in ("v1", "v2", "v3")] for triangle in triangles]
     indices = []
-    for one in triangles:
-        start = one.get("p1", first)
-        indices.append([int(start), int(one.get("p2", start)), int(one.get("p3", start))])
+    for triangle in triangles:
+        start = triangle.get("p1", first)
+        indices.append([int(start), int(triangle.get("p2", start)), int(triangle.get("p3", start))])
     return _Body(
         np.array(vertices).reshape(-1, 3),
         np.array(faces, dtype=np.int64).reshape(-1, 3),
-        [one.get("pid", of_all) for one in triangles],
+        [triangle.get("pid", of_all) for triangle in triangles],
         np.array(indices, dtype=np.int64).reshape(-1, 3),
-        said.get("type", "model") in _SUPPORTS,
-        [_place(one) for one in said.iter("component")],
+        element.get("type", "model") in _SUPPORTS,
+        [_place(component) for component in element.iter("component")],
     )
 
 
-def _place(said: Element) -> tuple[str, str, np.ndarray]:
+def _place(element: Element) -> tuple[str, str, np.ndarray]:
     """Part of the archive, or nothing for the same, id of an object, and its transform (4, 3)."""
-    numbers = np.array(said.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
-    return said.get("path", ""), said.attrib["objectid"], numbers.reshape(4, 3)
+    numbers = np.array(element.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
+    return element.get("path", ""), element.attrib["objectid"], numbers.reshape(4, 3)
 
 
 def _colour(text: str) -> list[float]:

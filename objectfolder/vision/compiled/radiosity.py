@@ -77,17 +77,17 @@ class Radiosity:
         face, barycentric = self._lit.volumes.first_hits(start, direction)
         met = np.flatnonzero(face >= 0)
         end = self._lit.points(face[met], barycentric[met], direction[met]).position
-        wanted = np.zeros(len(face))
-        wanted[met] = 1 / (np.linalg.norm(end - start[met], axis=1) + DENSITY_DISTANCE)
+        density = np.zeros(len(face))
+        density[met] = 1 / (np.linalg.norm(end - start[met], axis=1) + DENSITY_DISTANCE)
         order = cKDTree(places[:, :3]).indices  # along its leaves: what follows is near
-        smooth = np.convolve(np.pad(wanted[order], BOX, mode="edge"), np.ones(2 * BOX + 1), "valid")
-        wanted[order] = smooth + EVERYWHERE * smooth.mean() + 1e-9
-        total = np.cumsum(wanted[order])
+        smooth = np.convolve(np.pad(density[order], BOX, mode="edge"), np.ones(2 * BOX + 1), "valid")
+        density[order] = smooth + EVERYWHERE * smooth.mean() + 1e-9
+        total = np.cumsum(density[order])
         centre = places[order[np.searchsorted(total, (np.arange(SITES) + 0.5) / SITES * total[-1])]]
         for _ in range(LLOYD_STEPS):
             site = np.asarray(cKDTree(centre).query(places)[1])
-            weight = np.bincount(site, wanted, minlength=SITES)
-            total = [np.bincount(site, wanted * column, minlength=SITES) for column in places.T]
+            weight = np.bincount(site, density, minlength=SITES)
+            total = [np.bincount(site, density * column, minlength=SITES) for column in places.T]
             some = weight > 0
             centre[some] = (np.stack(total, axis=1) / np.maximum(weight, 1e-12)[:, None])[some]
         return np.asarray(cKDTree(centre).query(places)[1]), np.asarray(cKDTree(places).query(centre)[1])
@@ -154,9 +154,9 @@ class Radiosity:
         arriving = np.zeros((len(self._site), 3))
         # Of many lights each is asked at some of the points, the next one at others.
         turns = max(1, len(lights[0]) * POINTS // ASKED)
-        asked = [self._points.of(np.arange(turn, len(arriving), turns)) for turn in range(turns)]
+        lit_points = [self._points.of(np.arange(turn, len(arriving), turns)) for turn in range(turns)]
         for index, (light, colour) in enumerate(zip(*lights, strict=True)):
-            irradiance, hidden = self._lit.light_from(asked[index % turns], light)
+            irradiance, hidden = self._lit.light_from(lit_points[index % turns], light)
             irradiance[hidden] = 0.0
             arriving[index % turns :: turns] += turns * irradiance[:, None] * colour
         sending = self._mean(arriving * self._point_albedo)

@@ -88,7 +88,7 @@ def sample_maps(
     while low < high:
         middle = (low + high) // 2
         try:
-            # Values at the places mostly take no fewer bytes than means over their cells, in a ninth of the time.
+            # Values at the places take hardly fewer bytes than means over cells, in a ninth of the time.
             _, size = albedo(albedo_pitches[middle], 1)
         except FormatError:  # more places than a file may have
             high = middle
