@@ -35,7 +35,7 @@ STRUCK = {
     "plastic": ("plastic_hard_0_mm", "plastic_hard_3_mm"),
 }
 # Chosen within what is published, with all tables in view.
-ESTIMATED = ("wood", "plastic")
+ESTIMATED = ("ceramic", "wood", "plastic")
 FITTED = ("ceramic_0_mm", "glass_0_mm", "wood_medium_0_mm", "wood_soft_0_mm")
 
 

@@ -46,6 +46,10 @@ _SOLVED = (
     "MKL adds in another order on AMD than on Intel, and without AVX2 the tetrahedra differ, too; "
     "1e-4 of 20 kHz is 0.2 cents there"
 )
+_RADIATED = (
+    "rounding changes the coarse elements that the air is solved on: half a per cent of a rate on a bar, "
+    "which is .02 dB; dampings_per_s has these rates in it"
+)
 _CYCLES = "Cycles rounds differently on AMD and on Intel; rms 1e-5 of the range is -100 dB"
 _FITTED = (
     "MKL's sums and exponential on AMD and on Intel, amplified by the steps of the optimiser: another fit "
@@ -62,10 +66,10 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
     "modes": {
         "eigenvalues": Tolerance(2e-4, 5e-5, because=_SOLVED),
         "frequencies_hz": Tolerance(1e-4, 3e-5, because=_SOLVED),
-        "dampings_per_s": Tolerance(2e-4, 5e-5, because=_SOLVED),
+        "dampings_per_s": Tolerance(2e-2, 2e-2, because=_RADIATED),
         "error_estimates_cents": Tolerance(absolute=0.2, because=_SOLVED),
         "mode_shapes": Tolerance(2e-2, 2e-3, because=_SOLVED),
-        "radiation_dampings_per_s": Tolerance(2e-2, 5e-3, because=_SOLVED),
+        "radiation_dampings_per_s": Tolerance(2e-2, 2e-2, because=_RADIATED),
         "radiation_weights": Tolerance(1e-3, 2e-4, because=_SOLVED),
         "residuals": Tolerance(3e-2, 1e-2, because=_SOLVED),
         "multipoles": Tolerance(2e-2, 2e-3, because=_SOLVED),
