@@ -43,4 +43,4 @@ def test_no_name_of_a_constant_has_two_values() -> None:
                 meaning = repr(meaning)
             values[name][meaning].append(str(path.relative_to(LIBRARY)))
     assert len(values) > 500
-    assert {name: dict(found) for name, found in values.items() if len(found) > 1} == {}
+    assert {name: dict(meanings) for name, meanings in values.items() if len(meanings) > 1} == {}

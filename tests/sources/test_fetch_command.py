@@ -229,11 +229,11 @@ def test_the_papers_table_names_what_its_sources_lay_out():
     _, rows = read_rows(REPOSITORY / "data" / "objects.csv")
     assert len(rows) == 100
     for _, row in rows:
-        asked = Resolutions().source_object(row["source_id"])
-        folder = f"fetched/{asked.source.id}/{asked.name}/"
+        source_object = Resolutions().source_object(row["source_id"])
+        folder = f"fetched/{source_object.source.id}/{source_object.name}/"
         expected = {
             "ycb": (f"{folder}google_16k/textured.obj", f"{folder}google_16k/texture_map.png"),
             "gso": (f"{folder}meshes/model.obj", f"{folder}materials/textures/texture.png"),
-            "polyhaven": (f"{folder}{asked.name}_1k.gltf", ""),
-        }[asked.source.id]
+            "polyhaven": (f"{folder}{source_object.name}_1k.gltf", ""),
+        }[source_object.source.id]
         assert (row["mesh"], row["texture"]) == expected

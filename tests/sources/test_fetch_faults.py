@@ -29,13 +29,13 @@ def run_once(tmp_path: Path, seed: int) -> str:
     sources.server.plan = at_random(seed, rate=chance.choice((0.2, 0.5, 0.9)))
     sources.server.seed = seed
     hashes, fetched = tmp_path / "source_hashes.csv", tmp_path / "fetched"
-    asked = Resolutions().source_object(source_id)
-    target = asked.folder(fetched)
+    source_object = Resolutions().source_object(source_id)
+    target = source_object.folder(fetched)
     with sources.server.listening() as base:
         downloader = sources.downloader(base, tmp_path / "cache", **HURRIED)
         told: ObjectFolderError | None = None
         try:
-            Fetcher(fetched, downloader, hashes).fetch(asked)
+            Fetcher(fetched, downloader, hashes).fetch(source_object)
         except ObjectFolderError as error:
             told = error
         if told is None:
@@ -48,7 +48,7 @@ def run_once(tmp_path: Path, seed: int) -> str:
         assert not [path for path in fetched.glob("*/.*") if path.suffix != ".lock"]
         sources.server.plan = lambda path: ""
         # What the faulty network left in the cache does no harm to a later fetch.
-        got = Fetcher(fetched, sources.downloader(base, tmp_path / "cache"), hashes).fetch(asked)
+        got = Fetcher(fetched, sources.downloader(base, tmp_path / "cache"), hashes).fetch(source_object)
     assert files_in(got.folder) == sources.expected[source_id]
     assert set(read_hashes(hashes)) == {(source_id, path) for path in sources.expected[source_id]}
     assert got.outcome == (FETCHED if told else KEPT)
@@ -69,7 +69,7 @@ def test_faulty_runs_end_complete_or_with_what_to_do(tmp_path, seeds):
 @pytest.mark.parametrize("kind", FAULTS)
 def test_a_fault_of_each_kind_once_is_got_over_or_told(tmp_path, kind):
     sources = ServedSources(tmp_path / "served").add_all()
-    asked = Resolutions().source_object(IDS[1])
+    source_object = Resolutions().source_object(IDS[1])
     left = [kind]
     sources.server.plan = lambda path: left.pop() if left and path.endswith(".zip") else ""
     with sources.server.listening() as base:
@@ -77,9 +77,9 @@ def test_a_fault_of_each_kind_once_is_got_over_or_told(tmp_path, kind):
         fetcher = Fetcher(tmp_path / "fetched", downloader, tmp_path / "source_hashes.csv")
         if kind in ("403", "404", "416", "loop"):
             with pytest.raises(ObjectFolderError) as caught:
-                fetcher.fetch(asked)
+                fetcher.fetch(source_object)
             assert caught.value.remedy
-        got = fetcher.fetch(asked)
+        got = fetcher.fetch(source_object)
     assert left == []
     assert files_in(got.folder) == sources.expected[IDS[1]]
 

@@ -81,7 +81,7 @@ def test_a_bent_gel_shows_its_bulge_by_the_response_alone() -> None:
     nothing = IndentationResponse(np.zeros((3, 3, 3, 3), dtype=np.float16))
     sensor = replace(GELSIGHT, indentation_response=nothing)
     request = Press(force_n=1.0, samples=1)
-    bent, bulging = (press(BALL, one, TOP, request) for one in (sensor, GELSIGHT))
+    bent, bulging = (press(BALL, gel, TOP, request) for gel in (sensor, GELSIGHT))
     beside = ~bent.mask[0]
     untouched = no_contact_image(sensor)
     assert (bent.rgb[0][beside] == untouched[beside]).all()
@@ -103,7 +103,7 @@ def test_a_response_is_found_in_what_it_changes() -> None:
         pressed[index] = depth
     response = ResponseFit(changes, pressed).solve([0, 1, 2, 3], 1e-2, 1.0)
     beyond = pressed[4] == 0
-    exact, held_out = (one.change(pressed[4])[beyond] for one in (field, ResponseField(response, 80, 60)))
+    exact, held_out = (fit.change(pressed[4])[beyond] for fit in (field, ResponseField(response, 80, 60)))
     assert np.abs(held_out - exact).max() < 0.15 * np.abs(exact).max()
 
 
