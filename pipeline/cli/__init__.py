@@ -57,7 +57,6 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "Publishing": (
         publishing.cards, publishing.get, publishing.export, publishing.export_samples, publishing.scene,
         publishing.play,
-        publishing.listen,
     ),
 }  # fmt: skip
 

@@ -59,7 +59,6 @@ EXAMPLES = {
     "export-samples": ("export-samples mug.safetensors --sense touch --queries 64 -o samples",),
     "scene": ("scene mug bell fork -o table/scene.xml",),
     "play": ("play table/scene.xml", "play table/scene.xml -o table/clip.mp4"),
-    "listen": ("listen mug bell --trials 24 -o listening.html",),
 }
 # Of all commands, the first steps.
 FIRST_STEPS = ("build", "info", "sample", "render", "strike", "press", "view", "fetch", "export", "plan")

@@ -1,4 +1,4 @@
-"""Commands around a published data set: cards, get, export, listen."""
+"""Commands around a published data set: cards, get, export, play."""
 
 import json as json_text
 from pathlib import Path
@@ -22,10 +22,6 @@ from pipeline.cli.printing import (
 )
 from pipeline.cli.usage import UsageError
 from pipeline.publish.queries.requests import Exporting
-
-MOST_TRIALS = 500
-LARGEST_SEED = 999_999_999  # what the page takes
-SHORTEST_S, LONGEST_S = 0.05, 10.0
 
 
 def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(alias="-o")] = None) -> None:
@@ -295,42 +291,3 @@ def export_samples(
         print(json_text.dumps({"folder": str(output), **counts}))
         return
     print(f"{output}: {counts['train']} samples to train and {counts['test']} to test")
-
-
-def listen(
-    *ids: str,
-    root: Root = Path("."),
-    output: Output,
-    overwrite: Overwrite = False,
-    trials: Annotated[int, Parameter(validator=Number(gte=1, lte=MOST_TRIALS))] = 24,
-    seed: Annotated[int, Parameter(validator=Number(gte=0, lte=LARGEST_SEED))] = 0,
-    duration_s: Annotated[float, Parameter(validator=Number(gte=SHORTEST_S, lte=LONGEST_S))] = 1.0,
-    json: Json = False,
-) -> None:
-    """Write a page for an ABX listening test: truth against Object Files at held-out points.
-
-    Parameters
-    ----------
-    ids
-        objects (default: all that are audible)
-    output
-        the page (.html)
-    trials
-        number of trials
-    seed
-        of the draw of strikes and trials
-    duration_s
-        seconds of each sound
-    """
-    from objectfolder.products.atomic import write_whole
-
-    check_new_file(output, overwrite=overwrite)
-    with status_line("drawing trials"):
-        from pipeline.publish.listening.listening_page import draw_pairs, page_text
-
-        pairs = draw_pairs(root, trials, seed, objects=ids or None, duration_s=duration_s)
-        write_whole(output, page_text(pairs, seed))
-    if json:
-        print(json_text.dumps({"file": str(output), "bytes": output.stat().st_size, "trials": trials}))
-        return
-    print(f"{output}  {output.stat().st_size / 1e6:.1f} MB, {trials} trials; open it in a browser")

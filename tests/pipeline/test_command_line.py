@@ -477,7 +477,6 @@ def test_answers_of_two_runs_are_not_mixed(
     ("words", "option"),
     [
         (["build", "mug.obj", "--material", "ceramic"], "-o"),
-        (["listen"], "-o"),
         (["scene", "mug"], "-o"),
         (["play", "scene.xml"], "-o"),
         (["audit"], "--html"),

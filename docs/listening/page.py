@@ -1,11 +1,16 @@
-"""The page of a listening test: one file that works from disk, without a network.
+"""The page of an ABX listening test: one file that works from disk, without a network.
 
-In each trial truth and Object File are struck alike at a held-out point, at one level.
+    python -m docs.listening.page mug bell --root set -o listen.html
+
+In each trial truth and Object File are struck alike at a held-out point, at one level. Objects are all that
+are audible where none is named.
 """
 
+import argparse
 import base64
 import itertools
 import random
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +20,9 @@ import numpy as np
 
 import objectfolder
 from objectfolder.dataset import ObjectFolderDataset
-from objectfolder.errors import InputError
+from objectfolder.errors import InputError, ObjectFolderError
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
+from objectfolder.products.atomic import write_whole
 from pipeline.dataset.products import read_description
 from pipeline.dataset.stages import MODES, OBJECT_FILES
 from pipeline.publish.report.templates import security_policy, template_environment
@@ -25,6 +31,8 @@ TEMPLATES = Path(__file__).parent / "template"
 SCRIPTS = ("theme.js", "abx.js", "listen.js")
 FADE_S = 0.01
 PEAK = 0.5
+LARGEST_SEED = 999_999_999  # a page takes up to nine digits
+SHORTEST_S, LONGEST_S = 0.05, 10.0
 LEVEL_RULE = (
     "The Object File's sound is scaled to the root mean square of the truth's; then one factor brings the "
     "larger peak of the two to half of full scale. The last 10 ms fade out; 16 bits."
@@ -142,3 +150,40 @@ def match(truth: np.ndarray, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def _base64(sound: np.ndarray) -> str:
     return base64.b64encode(sound.tobytes()).decode()
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Write a page; return the exit status."""
+    kept = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("docs.listening.page", description=__doc__, formatter_class=kept)
+    parser.add_argument("ids", nargs="*", help="objects")
+    parser.add_argument("--root", type=Path, default=Path(), help="data set with modes and object_files")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="the page")
+    parser.add_argument("--trials", type=int, default=24)
+    parser.add_argument("--seed", type=int, default=0, help="of the draw, 0 to 999999999")
+    parser.add_argument("--duration", type=float, default=1.0, help="seconds of each sound")
+    options = parser.parse_args(words)
+    if not (
+        options.trials > 0
+        and 0 <= options.seed <= LARGEST_SEED
+        and SHORTEST_S <= options.duration <= LONGEST_S
+    ):
+        parser.error("--trials is at least 1, --seed has up to nine digits, --duration is .05 to 10")
+    try:
+        pairs = draw_pairs(
+            options.root,
+            options.trials,
+            options.seed,
+            objects=options.ids or None,
+            duration_s=options.duration,
+        )
+        write_whole(options.output, page_text(pairs, options.seed))
+    except ObjectFolderError as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(f"{options.output}: {len(pairs)} trials; open it in a browser")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
