@@ -9,12 +9,14 @@ import json
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
-from pipeline.dataset.stage import Stage
-from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Failure
+
+if TYPE_CHECKING:
+    from pipeline.dataset.stage import Stage
 
 FAILURES = Path("data/failures.json")
 RETRY = Path("data/retry.json")
@@ -55,7 +57,7 @@ def read_failures(root: Path) -> list[FailedObject]:
 
 
 def write_failures(
-    root: Path, failures: Iterable[FailedObject], stages: Sequence[Stage], others: Collection[str] = ()
+    root: Path, failures: Iterable[FailedObject], stages: Sequence["Stage"], others: Collection[str] = ()
 ) -> None:
     """Write the failures of a run that no earlier stage explains; keep those outside the run.
 
@@ -70,6 +72,8 @@ def write_failures(
     others
         Listed objects that were left out of this run: their earlier failures are kept.
     """
+    from pipeline.dataset.stages import STAGES  # with what it imports, longer than reading the failures
+
     earlier: list[FailedObject] = []
     with contextlib.suppress(InputError):
         earlier = read_failures(root)

@@ -10,12 +10,13 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Validat
 from pydantic.dataclasses import dataclass
 
 from objectfolder.errors import InputError
-from objectfolder.query_values import LARGEST_SEED
 from pipeline.dataset.bounds import Bounds
 from pipeline.dataset.validation import own_error, read_yaml, validated
 
 PARAMETERS = "params.yaml"
-NO_OTHER_KEYS = ConfigDict(extra="forbid")
+# Validators are built when they are used: most commands read the parameters once, some never.
+NO_OTHER_KEYS = ConfigDict(extra="forbid", defer_build=True)
+HIGHEST_SEED = 2**63 - 1  # as queries take (`objectfolder.query_values`, which imports NumPy)
 # Of later versions: with this value tasks are given no such key, so that products of before stay current.
 COMPATIBLE = {"renderer": "compiled"}
 
@@ -185,7 +186,7 @@ class CommonParameters:
     """The parameters that all sizes share."""
 
     size: Annotated[str, Field(description="which of `sizes` is made")]
-    seed: Annotated[int, Bounds(0, LARGEST_SEED, "", "of every random choice, with stage and object")]
+    seed: Annotated[int, Bounds(0, HIGHEST_SEED, "", "of every random choice, with stage and object")]
     allow_failures: Annotated[bool, Field(description="go on with the objects that did not fail")]
     objects: ObjectsParameters
 

@@ -174,9 +174,14 @@ class Verified:
         self.save_code()
         if not self._changed:
             return
+        folders: dict[str, set[str]] = {}  # one look at each is cheaper than one at each file
         for entries in (self._kept.products, self._kept.sources):
-            for key in [key for key in entries if not os.path.exists(os.path.join(self._prefix, key))]:
-                del entries[key]
+            for key in list(entries):
+                folder, name = os.path.split(os.path.join(self._prefix, key))
+                if folder not in folders:
+                    folders[folder] = set(os.listdir(folder)) if os.path.isdir(folder) else set()
+                if name not in folders[folder]:
+                    del entries[key]
         _write(self._path, self._kept)
         self._changed = False
 

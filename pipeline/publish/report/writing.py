@@ -102,8 +102,9 @@ def _write_pages(
     paged, damaged = set(), []
     wanted: set[str] = set()
     changed = []
+    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     for page in pages:
-        if names := _current_files(page, folder):
+        if names := _current_files(page, folder, present):
             wanted |= names
             paged.add(page.subject.object_id)
         else:
@@ -132,11 +133,11 @@ def _write_pages(
     return frozenset(paged), damaged
 
 
-def _current_files(page: ObjectPage, folder: Path) -> set[str]:
-    """Return the names of the files of a page, if they are there and show what is known; else none."""
+def _current_files(page: ObjectPage, folder: Path, present: set[str]) -> set[str]:
+    """Return the names of the files of a page, if all are `present` and show what is known; else none."""
     path = folder / page_name(page.subject.object_id)
     shown, has_player = shown_fingerprint(path)
     if shown != page.fingerprint:
         return set()
     names = {path.name, *map(page.beside, page.tile), *([page.player] if has_player else [])}
-    return names if all((folder / name).exists() for name in names) else set()
+    return names if names <= present else set()
