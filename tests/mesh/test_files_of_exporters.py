@@ -1,5 +1,6 @@
 """Files of many exporters whose looks or parts are easily read otherwise: right, or said, or refused."""
 
+import re
 import struct
 import zipfile
 
@@ -9,19 +10,21 @@ from hard_checks import BOX, colours_at
 from hard_meshes import (
     BOX_QUADS,
     OBJ_SIDES,
+    QUAD_CORNERS,
     box,
     encoded,
     fanned,
+    ply_bytes,
     quarters,
     stl_bytes,
     write_gltf_box,
     write_obj_box,
     write_text,
 )
-from test_other_formats import dae_text, three_mf
+from test_other_formats import dae_text, off_text, three_mf
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.readers.load import load_mesh, source_files
 
 POINTS, QUARTERS = (np.array(column) for column in zip(*BOX.colours, strict=True))
 LINEAR_RED = 0.5776  # 200 of 255
@@ -151,3 +154,151 @@ def test_emission_and_transparency_of_a_collada(tmp_path):
         "emission is taken for the colour (diffuse), which is black",
         "its transparency is not read: it is drawn opaque",
     )
+
+
+def with_vertices(text, *rows):
+    """An OBJ whose vertices have more numbers behind x y z, the same ones in turn."""
+    lines = text.splitlines()
+    for index, line in enumerate(lines):
+        if line.startswith("v "):
+            lines[index] = f"{line} {rows[index % len(rows)]}"
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "colour", "remark"),
+    [
+        (["2"], [204, 204, 204], "weights (w) other than 1"),
+        (["1"], [204, 204, 204], ""),
+        (["1 0.4 0.2 0.6"], [102, 51, 153], "x y z w r g b"),
+        (["0.4 0.2 0.6 1"], [102, 51, 153], "x y z r g b a"),
+        (["0.4 0.2"], [204, 204, 204], "more numbers than"),
+    ],
+)  # fmt: skip
+def test_numbers_behind_the_position_of_an_obj(tmp_path, rows, colour, remark):
+    def change(text):
+        return with_vertices(text.replace("usemtl skin\n", ""), *rows)
+
+    mesh = load_mesh(write_obj_box(tmp_path, mtllib="", textured=False, change=change))
+    np.testing.assert_allclose(mesh.extents, OBJ_SIDES, rtol=1e-12)
+    np.testing.assert_allclose(colours_at(mesh, POINTS), np.tile(colour, (4, 1)), atol=1)
+    said = [line for line in mesh.remarks if "texture coordinates" not in line]
+    assert [remark in line for line in said] == [True] * bool(remark)
+
+
+@pytest.mark.parametrize(
+    ("library", "rows", "colour", "remark"),
+    [
+        ("Kd .8 .2 .2\nTr .6", [], [204, 51, 51], "write d"),
+        ("Kd .8 .2 .2\nmap_Bump -clamp on nothing.png", [], [204, 51, 51], "not followed: -clamp on"),
+        ("Kd .8 .2 .2", ["1 1 1"], [204, 51, 51], ""),
+        ("Kd .8 .2 .2", ["0 .2 .4"], [0, 51, 102], "colours of its vertices are taken"),
+        ("Kd 0 0 0\nKe .8 .2 .2", [], [204, 51, 51], "bright Ke"),
+        ("Kd 0 0 0\nKa 1 1 1", [], [0, 0, 0], ""),
+        ("Ka .8 .2 .2\nKs .5 .5 .5", [], [204, 51, 51], "bright Ka"),
+    ],
+)  # fmt: skip
+def test_colours_of_an_obj_without_a_picture(tmp_path, library, rows, colour, remark):
+    def change(text):
+        return with_vertices(text, *rows) if rows else text
+
+    mesh = load_mesh(write_obj_box(tmp_path, library=f"newmtl skin\n{library}\n", change=change))
+    np.testing.assert_allclose(colours_at(mesh, POINTS), np.tile(colour, (4, 1)), atol=1)
+    assert [remark in line for line in mesh.remarks] == [True] * bool(remark)
+
+
+def test_what_an_obj_says_besides_its_faces(tmp_path):
+    tiled = {"library": "newmtl skin\nmap_Kd skin.<UDIM>.png\n", "image": "skin.1001.png"}
+    with pytest.raises(InputError, match=r"'skin\.<UDIM>\.png'.* Bake its tiles"):
+        load_mesh(write_obj_box(tmp_path / "tiled", **tiled))
+
+    def change(text):
+        return with_vertices(text, "0 0 1").replace("\nf ", "\nfo ") + "call more.obj\n"
+
+    mesh = load_mesh(write_obj_box(tmp_path / "old", change=change))
+    np.testing.assert_allclose(colours_at(mesh, POINTS), QUARTERS, atol=1)
+    assert [word in line for word, line in zip(("call", "not used"), mesh.remarks, strict=True)]
+
+
+@pytest.mark.parametrize("name", [r"C:\scan\skin.png", "/home/ann/skin.png", '"skin.png"'])
+def test_the_picture_of_any_format_is_found_by_its_name(tmp_path, subtests, name):
+    for folder in ("", "textures/"):
+        write_text(tmp_path / folder / "skin.png", encoded(quarters()))
+        texts = {
+            "box.ply": ply_bytes(
+                box(OBJ_SIDES), BOX_QUADS, corners=[QUAD_CORNERS] * 6, comments=[f"TextureFile {name}"]
+            ),
+            "box.dae": dae_text().replace("textures/skin.png", name.strip('"')),
+        }
+        for file, text in texts.items():
+            with subtests.test(file=file, folder=folder):
+                path = write_text(tmp_path / file, text)
+                np.testing.assert_allclose(colours_at(load_mesh(path), POINTS), QUARTERS, atol=1)
+                assert source_files(path)[1:] == (tmp_path / folder / "skin.png",)
+        (tmp_path / folder / "skin.png").unlink()
+
+
+def ply_with(*pairs):
+    text = ply_bytes(box(OBJ_SIDES), BOX_QUADS, "", colours=np.tile([200, 30, 30], (8, 1))).decode()
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_colours_of_a_ply_that_are_said(tmp_path):
+    white, faces = np.full((8, 3), 255), np.tile([200, 30, 30], (6, 1))
+    both = ply_bytes(box(OBJ_SIDES), BOX_QUADS, colours=white, face_colours=faces)
+    clear = ply_with(("blue\n", "blue\nproperty uchar alpha\n"), (" 200 30 30", " 200 30 30 60"))
+    for data, remark in ((both, "those of faces are taken"), (clear, "alpha of its colours is not used")):
+        mesh = load_mesh(write_text(tmp_path / "box.ply", data))
+        np.testing.assert_allclose(colours_at(mesh, POINTS), np.tile([200, 30, 30], (4, 1)), atol=1)
+        assert [remark in line for line in mesh.remarks] == [True]
+    made_of = "element material 1\nproperty uchar diffuse_red\nelement face"
+    text = ply_bytes(box(OBJ_SIDES), BOX_QUADS, "").decode().replace("element face", made_of)
+    text = text.replace("\n4 4 5 7 6\n", "\n200\n4 4 5 7 6\n")
+    assert load_mesh(write_text(tmp_path / "box.ply", text)).remarks == (
+        "its materials are not read: it is drawn grey",
+    )
+    strips = ply_with(("end_header", "element tristrips 1\nproperty list int int vertex_indices\nend_header"))
+    with pytest.raises(InputError, match="triangle strips"):
+        load_mesh(write_text(tmp_path / "box.ply", f"{strips}4 0 1 2 3\n"))
+
+
+def test_colours_of_an_off_and_of_a_3mf_that_are_said(tmp_path):
+    numbered = load_mesh(write_text(tmp_path / "a.off", off_text("OFF\n", faces=(" 3",) * 6)))
+    clear = load_mesh(write_text(tmp_path / "b.off", off_text("COFF\n", vertex=" 200 30 30 60")))
+    path = three_mf(tmp_path / "box.3mf")
+    changed(path, (b"#C81E1E", b"#C81E1E40"), (b"<triangle ", b"<triangle paint_color='8' "))
+    said = [line for mesh in (numbered, clear, load_mesh(path)) for line in mesh.remarks]
+    assert [word in line for word, line in zip(("table", "alpha", "painted", "alpha"), said, strict=True)]
+
+
+def test_materials_of_a_collada_that_no_node_binds(tmp_path):
+    write_text(tmp_path / "textures" / "skin.png", encoded(quarters()))
+    unbound = re.sub("<bind_material>.*</bind_material>", "", dae_text())
+    mesh = load_mesh(write_text(tmp_path / "box.dae", unbound))
+    assert [name in line for name, line in zip(("'skin'", "'red'"), mesh.remarks, strict=True)]
+    by_id = unbound.replace('material="skin"', 'material="skin-m"').replace(
+        'material="red"', 'material="red-m"'
+    )
+    mesh = load_mesh(write_text(tmp_path / "box.dae", by_id))
+    np.testing.assert_allclose(colours_at(mesh, POINTS), QUARTERS, atol=1)
+    assert mesh.remarks == ()
+
+
+@pytest.mark.parametrize("value", [1, 0])
+def test_colours_of_vertices_of_a_collada(tmp_path, value):
+    """White ones say nothing; others are taken, and not the material's."""
+    names = "".join(f'<param name="{name}" type="float"/>' for name in "RGB")
+    source = (
+        f'<source id="c"><float_array id="d" count="24">{f"{value} " * 24}</float_array><technique_common>'
+    )
+    source += f'<accessor source="#d" count="8" stride="3">{names}</accessor></technique_common></source>'
+    position = '<vertices id="v"><input semantic="POSITION" source="#p"/>'
+    text = dae_text().replace(position, f'{source}{position}<input semantic="COLOR" source="#c"/>')
+    text = text.replace('<texture texture="s" texcoord="UVMap"/>', "<color>0.6 0.2 0.4 1</color>")
+    mesh = load_mesh(write_text(tmp_path / "box.dae", text))
+    colour = [153, 51, 102] if value else [0, 0, 0]
+    np.testing.assert_allclose(colours_at(mesh, POINTS), np.tile(colour, (4, 1)), atol=1)
+    assert len(mesh.remarks) == 1 - value

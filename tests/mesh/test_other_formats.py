@@ -240,6 +240,10 @@ bpy.ops.export_scene.fbx(filepath="box.fbx")
 bpy.context.scene.unit_settings.scale_length = 0.001
 box.scale = (1000, 1000, 1000)
 bpy.ops.wm.save_as_mainfile(filepath="box.blend")
+tree = material.node_tree
+noise = tree.nodes.new("ShaderNodeTexNoise")
+tree.links.new(noise.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
+bpy.ops.wm.save_as_mainfile(filepath="noise.blend")
 """
 
 
@@ -259,3 +263,5 @@ def test_what_blender_reads_has_its_units_and_its_axis_up(tmp_path, subtests):
             assert colour(mesh, TOP) == [255, 0, 0]
             assert mesh.remarks[0].startswith("read by Blender")
             assert source_files(tmp_path / name) == (tmp_path / name,)
+            assert len(mesh.remarks) == 1
+    assert "(Noise Texture): bake it" in load_mesh(tmp_path / "noise.blend").remarks[1]

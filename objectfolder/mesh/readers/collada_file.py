@@ -12,7 +12,14 @@ import numpy as np
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.files import find_file, read_bytes, refuse_unusable, unreadable
+from objectfolder.mesh.readers.files import (
+    find_file,
+    read_bytes,
+    refuse_unusable,
+    shortened,
+    unreadable,
+    usual_places,
+)
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.parts import joined_meshes
 from objectfolder.mesh.readers.polygons import triangulated
@@ -47,13 +54,14 @@ def read_collada(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         finding = "is posed by a skeleton, which is not supported"
         raise InputError(str(path), finding, "Apply the armature before it is exported")
     remarks: dict[str, None] = {}
+    materials = {material.id: material for material in document.materials} if with_textures else None
     try:
         unit_m = document.assetInfo.unitmeter
         parts = [
             part
             for bound in document.scene.objects("geometry")
             for primitive in bound.primitives()
-            for part in _parts(path, primitive, bound.matrix, unit_m, with_textures, remarks)
+            for part in _parts(path, primitive, bound.matrix, unit_m, materials, remarks)
         ]
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as problem:
         raise unreadable(path, "COLLADA", problem) from problem
@@ -86,10 +94,13 @@ def _parts(
     primitive: Any,
     matrix: np.ndarray,
     unit_m: float,
-    with_textures: bool,
+    materials: dict[str, Any] | None,
     remarks: dict[str, None],
 ) -> Iterator[TexturedMesh]:
-    """Yield the polygons of a primitive as a mesh; nothing of lines and of what is empty."""
+    """Yield the polygons of a primitive as a mesh, without colours for None as `materials`.
+
+    Nothing of lines and of what is empty is there.
+    """
     original = primitive.original
     if not hasattr(primitive, "shapes") or not len(original.index) or hasattr(primitive, "lines"):
         return
@@ -103,19 +114,35 @@ def _parts(
     places, _ = triangulated(vertices, [loop.tolist() for loop in loops])
     faces = corners[places]
     texture, coordinates = uniform_texture(DEFAULT_COLOUR), np.full((len(faces), 3, 2), np.nan)
-    if with_textures:
-        texture, coordinates = _looks(path, primitive, indices[places.reshape(-1)], remarks)
+    if materials is not None:
+        material = _material(primitive, materials, remarks)
+        texture, coordinates = _looks(path, primitive, material, indices[places.reshape(-1)], remarks)
     if np.linalg.det(matrix[:3, :3]) < 0:
         faces, coordinates = faces[:, ::-1], coordinates[:, ::-1]
     of_face = np.zeros(len(faces), dtype=np.int32)
     yield TexturedMesh(vertices, faces, coordinates, (texture,), of_face, np.zeros((len(faces), 3, 3)))
 
 
+def _material(primitive: Any, materials: dict[str, Any], remarks: dict[str, None]) -> Any:
+    """Return the material that a node binds to a primitive, else that whose id the primitive names.
+
+    The format wants a binding (`bind_material`); exporters leave it out, and then mean the id. None where
+    there is neither.
+    """
+    symbol = primitive.original.material
+    material = primitive.material or materials.get(symbol)
+    if material is None and symbol:
+        remarks[f"its material {shortened(symbol)} is bound to none (bind_material): it is drawn grey"] = None
+    elif material is None and materials:
+        remarks["some of its faces name no material: they are drawn grey"] = None
+    return material
+
+
 def _looks(
-    path: Path, primitive: Any, corners: np.ndarray, remarks: dict[str, None]
+    path: Path, primitive: Any, material: Any, corners: np.ndarray, remarks: dict[str, None]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Texture, and its coordinates (F, 3, 2), of faces by the rows (3 F, inputs) of their corners."""
-    effect = getattr(primitive.material, "effect", None)
+    effect = getattr(material, "effect", None)
     looks: Any = getattr(effect, "diffuse", None)
     emission = getattr(effect, "emission", None)
     if emission is not None and _is_black(looks) and not _is_black(emission):
@@ -131,17 +158,20 @@ def _looks(
         if picture is None:
             remedy = "Add the file, or name the texture"
             raise InputError(str(path), f"names the picture {name[:100]!r}, which is not there", remedy)
-        _, chosen = primitive.inputmap.get(looks.texcoord, ("TEXCOORD", None))
+        _, chosen = (primitive.inputmap or {}).get(looks.texcoord, ("TEXCOORD", None))
         sets = sources.get("TEXCOORD", [])
         source = next((source for source in sets if chosen is None or str(source[3]) == str(chosen)), None)
         coordinates = np.full((len(corners) // 3, 3, 2), np.nan)
         if source is not None:
             coordinates = source[4].data[corners[:, source[0]], :2].reshape(-1, 3, 2).astype(np.float64)
         return opaque(read_texture(picture)), coordinates
+    colours = np.ones((len(corners), 4))
     if sources.get("COLOR"):
         source = sources["COLOR"][0]
-        colours = np.ones((len(corners), 4))
         colours[:, :3] = np.clip(source[4].data[corners[:, source[0]], :3], 0, 1)
+    if (colours < 1).any():
+        if looks is not None:
+            remarks["the colours of its vertices are taken, and not those of its materials"] = None
         texture, coordinates = corner_colour_atlas(colours.reshape(-1, 3, 4))
         return opaque(texture), coordinates
     colour = DEFAULT_COLOUR if looks is None else np.clip(np.asarray(looks[:3], dtype=np.float64), 0, 1)
@@ -166,7 +196,4 @@ def _lets_light_through(effect: Any) -> bool:
 
 def _picture(path: Path, name: str) -> Path | None:
     """Find a picture in the folder of the mesh, by its place or by its name alone."""
-    written = unquote(name.removeprefix("file://"))
-    return find_file(
-        path.parent, [written, written.replace("\\", "/").rpartition("/")[2]], within=path.parent
-    )
+    return find_file(path.parent, usual_places(unquote(name.removeprefix("file://"))), within=path.parent)

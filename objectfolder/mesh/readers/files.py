@@ -64,6 +64,21 @@ def find_file(folder: Path, names: Iterable[str], *, within: Path) -> Path | Non
     return None
 
 
+def usual_places(name: str) -> list[str]:
+    """Return where a picture may be: as written, with or without quotes, or by its own name beside a mesh.
+
+    A name may be absolute, of another system too, and scans come with a folder of textures.
+    """
+    written = [name, unquoted(name)]
+    base = PureWindowsPath(written[1]).name
+    return list(dict.fromkeys([*written, base, f"textures/{base}"]))
+
+
+def unquoted(name: str) -> str:
+    """Return a name without quotes around it."""
+    return name[1:-1] if len(name) > 2 and name[0] == name[-1] and name[0] in "\"'" else name
+
+
 def is_file(path: Path) -> bool:
     """Whether there is a regular file; False for names that the system does not take."""
     try:

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.files import brief, find_file, read_bytes, shortened
+from objectfolder.mesh.readers.files import brief, find_file, read_bytes, shortened, usual_places
 
 KINDS = {".gltf": "glTF", ".glb": "binary glTF"}
 
@@ -26,8 +26,11 @@ GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
 _SUPPORTED = (DRACO, TEXTURE_TRANSFORM, WEBP, "KHR_mesh_quantization", "KHR_node_visibility", GLOSSINESS)
 VISIBILITY = "KHR_node_visibility"
 _HARMLESS = ("KHR_materials_", "KHR_lights_", "KHR_xmp", "KHR_animation_pointer")
-_SEEN = ("KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission")
-"""Of the materials' extensions, those that let light through: glass is drawn opaque."""
+_SEEN = (
+    "KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission",
+    "KHR_materials_variants",
+)  # fmt: skip
+"""Of the materials' extensions, those by which it looks otherwise: glass is drawn opaque, variants as one."""
 _REMEDIES = {
     "EXT_meshopt_compression": "Export it without meshopt compression, or with Draco",
     "KHR_meshopt_compression": "Export it without meshopt compression, or with Draco",
@@ -188,7 +191,7 @@ def gltf_files(path: Path, *, with_images: bool) -> list[Path]:
 
 def named_file(path: Path, uri: str) -> Path | None:
     """Find the file of a relative URI, in the folder of a glTF file or below it."""
-    return find_file(path.parent, dict.fromkeys([unquote(uri), uri]), within=path.parent)
+    return find_file(path.parent, [*usual_places(unquote(uri)), uri], within=path.parent)
 
 
 def whole(value: Any) -> int:

@@ -14,7 +14,7 @@ from objectfolder.mesh.readers.blender import BLENDER_SUFFIXES, blender_files, r
 from objectfolder.mesh.readers.collada_file import collada_files, read_collada
 from objectfolder.mesh.readers.face_count import refuse_many_faces
 from objectfolder.mesh.readers.file_kinds import refuse_foreign
-from objectfolder.mesh.readers.files import find_file, is_file
+from objectfolder.mesh.readers.files import find_file, is_file, usual_places
 from objectfolder.mesh.readers.gltf import read_gltf
 from objectfolder.mesh.readers.gltf_file import gltf_files
 from objectfolder.mesh.readers.material_library import MOST_LIBRARIES, library_files, read_material_library
@@ -207,7 +207,7 @@ def _obj_files(mesh: Path) -> list[Path]:
 
 def _ply_files(mesh: Path) -> list[Path]:
     name = ply_texture_name(mesh)
-    found = None if name is None else find_file(mesh.parent, [name], within=mesh.parent)
+    found = None if name is None else find_file(mesh.parent, usual_places(name), within=mesh.parent)
     return [] if found is None else [found]
 
 

@@ -21,6 +21,8 @@ from objectfolder.mesh.readers.files import (
     lies_within,
     read_text,
     shortened,
+    unquoted,
+    usual_places,
     without_comment,
 )
 
@@ -89,8 +91,12 @@ class ObjMaterial:
         Factor of what these add to the surface.
     pictures
         Images that are no base colour, by their keyword.
-    reflection
-        `Ks` (3,); None where not written.
+    other_colours
+        `Ka`, `Ke` and `Ks` (3,), by their keyword.
+    has_colour, half_transparent
+        Whether `Kd`, and a `Tr` between 0 and 1, are written.
+    left_out
+        Options of pictures that are not followed.
     written
         Whether any of this was.
     remarks
@@ -109,7 +115,10 @@ class ObjMaterial:
     bump_map: Path | None = None
     bump_scale: float = 1.0
     pictures: dict[str, Path] = field(default_factory=dict)
-    reflection: np.ndarray | None = None
+    other_colours: dict[str, np.ndarray] = field(default_factory=dict)
+    has_colour: bool = False
+    half_transparent: bool = False
+    left_out: set[str] = field(default_factory=set)
     glass: bool = False
     written: bool = False
     remarks: list[str] = field(default_factory=list)
@@ -149,10 +158,13 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
                 of_file.append(current)
                 continue
             current.written |= bool(keyword)
+            current.left_out |= _options_left_out(values)
             if keyword.lower() == "kd":
-                current.colour = _colour(values, where)
-            elif keyword.lower() == "ks" and all(map(_is_number, values)):
-                current.reflection = _colour(values, where)
+                current.colour, current.has_colour = _colour(values, where), True
+            elif keyword.lower() in ("ka", "ke", "ks") and all(map(_is_number, values)):
+                current.other_colours[keyword.lower()] = _colour(values, where)
+            elif keyword.lower() == "tr" and all(map(_is_number, values)):
+                current.half_transparent = any(0 < float(value) < 1 for value in values[:1])
             elif keyword.lower() == "illum":
                 current.glass = values[:1] in [[value] for value in _GLASS]
             elif keyword.lower() in _PICTURES and names_a_file:
@@ -204,6 +216,13 @@ def _settle(path: Path, materials: list[ObjMaterial]) -> None:
             material.remarks.append(
                 f"illum of {path.name} asks for glass, without d: it is drawn opaque; write d 0.3, say"
             )
+        elif material.half_transparent and material.opacity is None and material.opacity_map is None:
+            material.remarks.append(
+                f"Tr of {path.name} is not read, for some write it as opacity: it is drawn opaque; write d"
+            )
+        if material.left_out:
+            options = ", ".join(sorted(material.left_out))
+            material.remarks.append(f"{path.name} has options of pictures that are not followed: {options}")
         if material.texture is None:
             _show(path, material)
 
@@ -224,13 +243,23 @@ def _show(path: Path, material: ObjMaterial) -> None:
                 f"{path.name} has a picture of emission (map_Ke), which is not used: bake it into that of "
                 "the colour (map_Kd)"
             )
-    reflection = material.reflection
-    if black and reflection is not None and float(np.clip(reflection, 0, 1).max()) > _METAL:
-        material.colour = np.clip(reflection, 0, 1)
+    shown = {keyword: np.clip(colour, 0, 1) for keyword, colour in material.other_colours.items()}
+    if shown.get("ka", np.zeros(3)).min() == 1:
+        del shown["ka"]  # Blender writes a white one whatever the colour is
+    shown = {keyword: colour for keyword, colour in shown.items() if float(colour.max()) > _METAL}
+    if black and "ks" in shown:
+        material.colour = shown["ks"]
         material.metallic = 1.0 if material.metallic is None else material.metallic
         material.remarks.append(
             f"{path.name} has black Kd and bright Ks: a metal, whose reflection is its colour"
         )
+    elif black or not material.has_colour:
+        written = "black" if black else "no"
+        for keyword in [keyword for keyword in ("ke", "ka") if keyword in shown][:1]:
+            material.colour = shown[keyword]
+            material.remarks.append(
+                f"{path.name} has {written} Kd and bright {keyword.title()}, which is taken for it"
+            )
 
 
 def _read_normals(material: ObjMaterial, mesh: Path, library: Path, line: str, where: str) -> None:
@@ -307,11 +336,6 @@ def _colour(values: list[str], where: str) -> np.ndarray:
     return np.maximum(numbers, 0)
 
 
-def unquoted(name: str) -> str:
-    """Return a name without quotes around it."""
-    return name[1:-1] if len(name) > 2 and name[0] == name[-1] and name[0] in "\"'" else name
-
-
 def _file_name(line: str, where: str, *, moved: bool = False) -> str:
     """The file name of a `map_Kd` line, which may hold spaces and follows the options; `moved` by these."""
     rest = line.split(maxsplit=1)[1].strip()
@@ -337,6 +361,12 @@ def _file_name(line: str, where: str, *, moved: bool = False) -> str:
     return unquoted(rest)
 
 
+def _options_left_out(values: list[str]) -> set[str]:
+    """Return the options of a picture that show, which are not followed: no repetition, another contrast."""
+    text = f" {' '.join(values).lower()} ".replace(" -mm 0 1 ", " ")
+    return {option for option in ("-clamp on", "-mm") if f" {option} " in text}
+
+
 def _is_number(text: str) -> bool:
     try:
         float(text)
@@ -356,7 +386,9 @@ def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
         where,
         f"names the texture {shortened(written)}, which "
         + ("lies outside of the folders of the object" if outside else "is not there"),
-        "Add it beside the material library, or name a texture for the object",
+        "Bake its tiles into one picture within 0..1"
+        if "<udim>" in written.lower()
+        else "Add it beside the material library, or name a texture for the object",
     )
 
 
@@ -365,5 +397,5 @@ def _found_texture(mesh: Path, library: Path, written: str) -> Path | None:
     for name in dict.fromkeys([written, without_comment(written)]):
         base = PureWindowsPath(name).name
         # The last is where Google Scanned Objects have it as Fuel serves them.
-        names += [name, base, f"textures/{base}", f"../textures/{base}", f"../materials/textures/{base}"]
+        names += [*usual_places(name), f"../textures/{base}", f"../materials/textures/{base}"]
     return find_file(library.parent, names, within=_outermost(mesh))

@@ -17,14 +17,13 @@ from objectfolder.mesh.readers.files import (
     read_text,
     refuse_unusable,
     shortened,
+    unquoted,
     without_comment,
 )
 from objectfolder.mesh.readers.material_library import (
-    DEFAULT_COLOUR,
     MOST_LIBRARIES,
     ObjMaterial,
     read_material_library,
-    unquoted,
 )
 from objectfolder.mesh.readers.obj_images import colour_image, normal_image, scalar_image
 from objectfolder.mesh.readers.polygons import triangulated
@@ -33,9 +32,12 @@ from objectfolder.mesh.readers.textures import (
     corner_colour_atlas,
     opaque,
 )
+from objectfolder.mesh.readers.vertex_colours import all_white, colour_rows, vertex_colours_of
 
 _NAMELESS = ("", "none", "null", "(null)", "nil", "default")
 """What exporters write in `usemtl` for no material."""
+
+_LEFT_OUT = {"surf": "its free-form surfaces", "call": "the files that it calls"}
 
 
 @dataclass
@@ -54,7 +56,7 @@ class _Statements:
     polygon_materials: list[str | None] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
     libraries: list[str] = field(default_factory=list)
-    free_form: bool = False
+    left_out: dict[str, None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     refuse_unusable(path, vertices)
     triangles = _triangles(path, vertices, statements)
     faces, coordinates = triangles.faces, _corner_coordinates(statements, triangles)
-    remarks = ["its free-form surfaces (surf) are left out"] if statements.free_form else []
+    remarks = list(statements.left_out)
     if with_textures:
         materials, of_polygon = _materials(path, statements, remarks)
         face_texture = of_polygon[triangles.polygon]
@@ -105,9 +107,17 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     remarks += [remark for material in materials for remark in material.remarks]
     reader = TextureReader(str(path))
     textures = tuple(reader.count(colour_image(material, reader)) for material in materials)
-    coloured = np.array([len(row) >= 6 for row in statements.vertices])
-    if with_textures and coloured.any() and all(texture.shape[:2] == (1, 1) for texture in textures):
-        colours = _vertex_colours(path, statements.vertices, coloured, remarks)[faces]
+    rows = colour_rows(statements.vertices, remarks)
+    plain = all(texture.shape[:2] == (1, 1) for texture in textures)
+    named = statements.libraries and any(material.has_colour for material in materials)
+    if with_textures and any(rows) and (named or not plain) and not all_white(rows):
+        remarks.append(
+            "the colours of its vertices are taken, and not those of its materials"
+            if plain
+            else "the colours of its vertices are not used: it has a picture"
+        )
+    if with_textures and any(rows) and plain and not (named and all_white(rows)):
+        colours = vertex_colours_of(path, rows, remarks)[faces]
         atlas, coordinates = corner_colour_atlas(
             np.concatenate([colours, np.ones((len(faces), 3, 1))], axis=2)
         )
@@ -178,21 +188,6 @@ def _corner_normals(statements: _Statements, triangles: _Triangles) -> np.ndarra
     return np.array([*statements.normals, [0.0, 0.0, 0.0]], dtype=np.float64)[triangles.normals]
 
 
-def _vertex_colours(
-    path: Path, rows: list[list[float]], coloured: np.ndarray, remarks: list[str]
-) -> np.ndarray:
-    """(V, 3) in 0..1; the default colour where a vertex has none."""
-    written = np.array([row[3:6] for row in rows if len(row) >= 6])
-    if not (np.isfinite(written).all() and written.min() >= 0 and written.max() <= 255):
-        raise InputError(str(path), "has vertex colours outside of 0..1 and 0..255", "Export the mesh again")
-    colours = np.tile(DEFAULT_COLOUR, (len(rows), 1))
-    colours[coloured] = written / 255 if written.max() > 1 else written
-    if not coloured.all():
-        bare = np.count_nonzero(~coloured)
-        remarks.append(f"{bare} of {len(rows)} vertices have no colour and are drawn grey")
-    return colours
-
-
 def _parse(path: Path) -> _Statements:
     statements = _Statements()
     material: str | None = None
@@ -205,14 +200,14 @@ def _parse(path: Path) -> _Statements:
                 statements.texture_vertices.append(_floats(values, 1))
             elif keyword == "vn":
                 statements.normals.append(_floats(values, 3)[:3])
-            elif keyword == "f":
+            elif keyword in ("f", "fo"):
                 _append_polygon(statements, values, material, number)
             elif keyword == "usemtl":
                 material = unquoted(" ".join(line.split()[1:]))
             elif keyword == "mtllib":
                 statements.libraries.append(line.split(maxsplit=1)[1].strip())
-            elif keyword == "surf":
-                statements.free_form = True
+            elif keyword in _LEFT_OUT:
+                statements.left_out[f"{_LEFT_OUT[keyword]} ({keyword}) are left out"] = None
         except (ValueError, IndexError) as problem:
             raise _unreadable(path, number, problem, line) from problem
     _resolve(path, statements)

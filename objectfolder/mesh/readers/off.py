@@ -9,9 +9,9 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.files import read_text, refuse_unusable, unreadable, without_comment
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
-from objectfolder.mesh.readers.ply import colour_fractions
 from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, uniform_texture
+from objectfolder.mesh.readers.vertex_colours import alpha_remark, colour_fractions
 
 _KEYWORD = re.compile(r"\s*(ST)?C?(N)?OFF(?!\s*BINARY)")
 """Data sets in use write the counts right behind it, without a space."""
@@ -58,6 +58,7 @@ def read_off(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         raise InputError(str(path), f"holds {problem}", "Triangulate the mesh first") from problem
     faces = np.concatenate(loops).astype(np.int64)[places]
     texture, coordinates = uniform_texture(DEFAULT_COLOUR), np.full((len(faces), 3, 2), np.nan)
+    remarks: list[str] = []
     if with_textures and head is not None:
         colours_from, colours_to = (6 if head[2] else 3), (-2 if head[1] else None)
         by_vertex = [row[colours_from:colours_to] for row in rows[:vertex_count]]
@@ -65,10 +66,16 @@ def read_off(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         if colours is None:
             by_face = [row[end:] for row, end in zip(of_faces, ends, strict=True)]
             colours = _colours(path, by_face, np.repeat(polygon[:, None], 3, axis=1))
+            if colours is None and any(len(row) == 1 for row in by_face):
+                remarks.append("the colours of its faces are numbers of a table that it lacks: drawn grey")
+            by_vertex += by_face
+        alphas = np.array([row[3] for row in by_vertex if len(row) == 4], dtype=np.float64)
+        remarks += alpha_remark([alphas / 255 if alphas.max(initial=0) > 1 else alphas])
         if colours is not None:
             texture, coordinates = corner_colour_atlas(colours)
             texture = opaque(texture)
-    return TexturedMesh(vertices, faces, coordinates, (texture,), np.zeros(len(faces), dtype=np.int32))
+    of_face = np.zeros(len(faces), dtype=np.int32)
+    return TexturedMesh(vertices, faces, coordinates, (texture,), of_face, remarks=tuple(remarks))
 
 
 def _colours(path: Path, words: list[list[str]], rows: np.ndarray) -> np.ndarray | None:

@@ -18,10 +18,12 @@ from objectfolder.mesh.readers.files import (
     refuse_unusable,
     single_precision_step,
     unreadable,
+    usual_places,
 )
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import corner_colour_atlas, opaque, read_texture, uniform_texture
+from objectfolder.mesh.readers.vertex_colours import alpha_remark, colour_fractions
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
@@ -41,8 +43,7 @@ _COLOURS = (
     ("ambient_red", "ambient_green", "ambient_blue"),
 )  # fmt: skip
 """Names in use, the first first."""
-_ROUNDING = 1.001
-"""A colour of 1 that was computed is not above it."""
+_ALPHAS = ("alpha", "a", "diffuse_alpha")
 
 
 @dataclass(frozen=True)
@@ -100,9 +101,10 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
             raise ValueError("a face has fewer than three corners, or names a vertex that is not there")
     except (ValueError, KeyError, IndexError, OverflowError, MemoryError) as problem:
         raise unreadable(path, "PLY", problem) from problem
+    if "tristrips" in columns:
+        raise InputError(str(path), "has triangle strips, which are not read", "Export it with triangles")
     if not loops:
-        strips = " (triangle strips are not read)" if "tristrips" in columns else ""
-        raise InputError(str(path), f"holds no faces{strips}", "Use a PLY file with triangles")
+        raise InputError(str(path), "holds no faces", "Use a PLY file with triangles")
     refuse_unusable(path, vertices)
     if positions[0].dtype.kind == "f" and positions[0].dtype.itemsize == 4:
         refuse_coarse(path, vertices, single_precision_step(vertices))
@@ -113,21 +115,23 @@ def read_ply(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     faces = np.concatenate(loops).astype(np.int64)[places]
     coordinates = _coordinates(path, columns, faces, places)
     texture = uniform_texture(DEFAULT_COLOUR)
-    remarks: tuple[str, ...] = ()
+    remarks: list[str] = []
     if with_textures and header.textures:
         texture = opaque(read_texture(_texture_file(path, header.textures, columns)))
     elif with_textures:
-        colours = _colours(path, columns, faces, polygon)
+        colours = _colours(path, columns, faces, polygon, remarks)
         if colours is not None:
             atlas, coordinates = corner_colour_atlas(colours)
             texture = opaque(atlas)
         elif np.isfinite(coordinates).any():
-            remarks = (
-                "it has texture coordinates and names no picture: it is drawn grey; state the texture",
+            remarks.append(
+                "it has texture coordinates and names no picture: it is drawn grey; state the texture"
             )
+        elif "material" in columns:
+            remarks.append("its materials are not read: it is drawn grey")
     of_face = np.zeros(len(faces), dtype=np.int32)
     normals = _normals(columns, faces)
-    return TexturedMesh(vertices, faces, coordinates, (texture,), of_face, normals, remarks=remarks)
+    return TexturedMesh(vertices, faces, coordinates, (texture,), of_face, normals, remarks=tuple(remarks))
 
 
 def _normals(columns: dict[str, dict[str, Column]], faces: np.ndarray) -> np.ndarray | None:
@@ -332,7 +336,7 @@ def _texture_file(path: Path, names: list[str], columns: dict[str, dict[str, Col
                 "Export it as OBJ or glTF",
             )
         names = names[min(used) :][:1] or names
-    found = find_file(path.parent, names[:1], within=path.parent)
+    found = find_file(path.parent, usual_places(names[0]), within=path.parent)
     if found is None:
         raise InputError(
             str(path.parent / names[0][:100]),
@@ -343,9 +347,14 @@ def _texture_file(path: Path, names: list[str], columns: dict[str, dict[str, Col
 
 
 def _colours(
-    path: Path, columns: dict[str, dict[str, Column]], faces: np.ndarray, polygon: np.ndarray
+    path: Path,
+    columns: dict[str, dict[str, Column]],
+    faces: np.ndarray,
+    polygon: np.ndarray,
+    remarks: list[str],
 ) -> np.ndarray | None:
-    """RGBA (F, 3, 4) in 0..1 of vertices, else of faces."""
+    """RGBA (F, 3, 4) in 0..1 of vertices, else, or where these are all alike, of faces."""
+    choices: list[tuple[str, np.ndarray]] = []
     for element, rows in (("vertex", faces), ("face", np.repeat(polygon[:, None], 3, axis=1))):
         by_name = {name.lower(): column for name, column in columns[element].items()}
         for names in _COLOURS:
@@ -353,22 +362,12 @@ def _colours(
                 channels = np.stack([_numbers(by_name[name]) for name in names], axis=1)
                 colours = np.ones((len(channels), 4))
                 colours[:, :3] = colour_fractions(path, channels)
-                return np.asarray(colours[rows])
-    return None
-
-
-def colour_fractions(path: Path, values: np.ndarray) -> np.ndarray:
-    """Return colours (n, 3) of any type in 0..1; `InputError` for what is no colour."""
-    if values.dtype == np.int8:
-        values = values.view(np.uint8)
-    largest = float(np.nanmax(values, initial=0))
-    whole = values.dtype.kind in "iu"
-    if whole and (values.dtype.itemsize == 1 or largest > 1):
-        ranges = (255, 65535, np.iinfo(values.dtype).max)
-        most = float(next(most for most in ranges if largest <= most))
-    else:
-        most = 1.0 if largest <= _ROUNDING else 255.0
-    if largest > _ROUNDING * most or float(np.nanmin(values, initial=0)) < 0:
-        finding = f"has colours from {np.nanmin(values):g} to {largest:g}"
-        raise InputError(str(path), finding, "Write them as bytes in 0..255")
-    return np.clip(np.nan_to_num(values.astype(np.float64) / most), 0, 1)
+                remarks += alpha_remark([by_name[name] for name in _ALPHAS if name in by_name])
+                choices.append((element, colours[rows]))
+                break
+    if len(choices) == 2:
+        alike = (choices[0][1] == choices[0][1][0, 0]).all()
+        choices = choices[int(alike) :]
+        kind = "faces" if alike else "vertices"
+        remarks.append(f"it has colours of vertices and of faces: those of {kind} are taken")
+    return choices[0][1] if choices else None

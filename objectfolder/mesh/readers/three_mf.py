@@ -17,6 +17,7 @@ from objectfolder.mesh.readers.files import LARGEST_FILE_BYTES, refuse_unusable,
 from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
 from objectfolder.mesh.readers.parts import joined_meshes
 from objectfolder.mesh.readers.textures import corner_colour_atlas, decode_texture, opaque, uniform_texture
+from objectfolder.mesh.readers.vertex_colours import alpha_remark
 from objectfolder.mesh.readers.xml_tree import xml_tree
 
 _UNITS_M = {
@@ -36,6 +37,7 @@ _NOT_SOLID = re.compile(
     rb"|SupportBlocker|SupportEnforcer)"
 )
 """What slicers write of meshes that are no part of the solid: Orca, Bambu Studio, PrusaSlicer."""
+_PAINTED = {"paint_color", "mmu_segmentation"}
 MOST_TRIANGLES = 10_000_000
 """Of all places together: few bytes may ask for very many by naming one object often."""
 
@@ -149,6 +151,8 @@ class _Reader:
             root = xml_tree(data)
             _refuse_extensions(self.path, root, data)
             self.models[name] = _model(root)
+            if self.with_textures:
+                _say_what_is_not_read(root, self.models[name], self.remarks)
         return self.models[name]
 
     def placed(
@@ -220,6 +224,13 @@ def _refuse_extensions(path: Path, root: Element, data: bytes) -> None:
         raise InputError(str(path), finding, "Export it as a mesh alone")
 
 
+def _say_what_is_not_read(root: Element, model: _Model, remarks: dict[str, None]) -> None:
+    """Note opacities, and colours that slicers paint on triangles in codes of their own."""
+    if any(not _PAINTED.isdisjoint(triangle.attrib) for triangle in root.iter("triangle")):
+        remarks["colours that a slicer painted on its faces are not read"] = None
+    remarks |= dict.fromkeys(alpha_remark(colours[:, 3] for colours in model.colours.values()))
+
+
 def _model(root: Element) -> _Model:
     items = [item for build in root.iter("build") for item in build.iter("item")]
     printed = [item for item in items if item.get("printable", "1") not in ("0", "false")] or items
@@ -268,4 +279,4 @@ def _place(element: Element) -> tuple[str, str, np.ndarray]:
 
 def _colour(text: str) -> list[float]:
     """RGBA in 0..1 of #RRGGBB or #RRGGBBAA."""
-    return [int(text[start : start + 2], 16) / 255 for start in (1, 3, 5)] + [1.0]
+    return [int(text[start : start + 2] or "ff", 16) / 255 for start in (1, 3, 5, 7)]
