@@ -64,12 +64,34 @@ def _depths(depth_m: tuple[float, float], info: ValidationInfo) -> tuple[float, 
     return depth_m
 
 
+def _path(text: str) -> str:
+    """Check that a text can be a path."""
+    if not text.strip() or "\0" in text:
+        raise ValueError("It must be a path")
+    return text
+
+
+def _different(ids: tuple[str, ...]) -> tuple[str, ...]:
+    """Check that no id is there twice."""
+    if len(set(ids)) < len(ids):
+        raise ValueError("It must name each object once")
+    return ids
+
+
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class ObjectsParameters:
     """Which objects are made."""
 
-    table: Annotated[str, Field(description="table of objects, a path from the root of the data set")]
-    only: Annotated[tuple[str, ...], Field(description="ids of objects to make; none: all of the table")]
+    table: Annotated[
+        str,
+        AfterValidator(_path),
+        Field(description="table of objects, a path from the root of the data set"),
+    ]
+    only: Annotated[
+        tuple[str, ...],
+        AfterValidator(_different),
+        Field(description="ids of objects to make; none: all of the table"),
+    ]
     meshes: Annotated[
         str, Field(description="folder of their meshes and textures, in which DVC looks for changes")
     ] = ""

@@ -4,6 +4,7 @@ import contextlib
 import difflib
 import json
 import os
+import re
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,7 +27,10 @@ SECTION = ("dataclass_type", "model_type", "dict_type", "model_attributes_type")
 
 # Safe all the same, and ten times as fast where it is built.
 SAFE_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+# As YAML 1.1 has them, which is read here; 1.2, which DVC reads, takes them for other numbers or for text.
+AMBIGUOUS_NUMBER = re.compile(r"[-+]?0[0-9b]|.*[:_]", re.IGNORECASE)
 MOST_BYTES, MOST_NODES, DEEPEST = 1 << 20, 100_000, 50
+NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 LONGEST_SHOWN = 60  # letters of a value in a message
 
 
@@ -37,7 +41,8 @@ def read_yaml(path: Path) -> Any:
     ------
     InputError
         A file that cannot be read: absent, larger than `MOST_BYTES`, nested deeper than `DEEPEST`, of more
-        than `MOST_NODES` values with repetitions, with a part inside itself, or with a key twice.
+        than `MOST_NODES` values with repetitions, with a part inside itself, with a key twice, or with a
+        number that versions of YAML read differently.
     """
     try:
         with path.open("rb") as file:
@@ -105,6 +110,10 @@ def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
     if id(node) not in counts:
         counts[id(node)] = None
         parts = node.value if isinstance(node, yaml.CollectionNode) else []
+        if node.tag in NUMBERS and AMBIGUOUS_NUMBER.match(node.value):
+            shown = node.value[:LONGEST_SHOWN]
+            finding = f"{shown} is another number in YAML 1.2: write decimals, or text in quotes"
+            raise yaml.MarkedYAMLError(None, None, finding, node.start_mark)
         if isinstance(node, yaml.MappingNode):
             names = [(key.tag, key.value) for key, _ in parts if isinstance(key, yaml.ScalarNode)]
             if len(set(names)) < len(names):

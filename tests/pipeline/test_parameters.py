@@ -51,6 +51,11 @@ def test_both_sizes_are_whole(tmp_path):
         ("renderer: compiled", "renderer: gl", "touch.renderer: renderer: 'gl'. Use compiled or pyrender."),
         ("    vision:\n", "    visions:\n", "unknown key sizes.default.visions. Did you mean"),
         ("seed: 0", "seed: [0", "cannot be read"),
+        ("seed: 0", "seed: 1:30", "1:30 is another number in YAML 1.2"),
+        ("seed: 0", "seed: 017", "017 is another number in YAML 1.2"),
+        ("only: []", "only: [mug, mug]", "only is ['mug', 'mug']. It must name each object once."),
+        ("table: data/starter.csv", 'table: "a\\0"', "objects.table is 'a\\x00'. It must be a path."),
+        ("table: data/starter.csv", 'table: ""', "objects.table is ''. It must be a path."),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(tmp_path, old, new, message):

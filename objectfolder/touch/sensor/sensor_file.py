@@ -99,7 +99,9 @@ def sensor_path(source: Path | str, root: Path | None = None) -> Path:
     path = Path(source) if root is None else root / source
     if path.suffix.lower() not in (".yaml", ".yml") or not path.is_file():
         known = ", ".join([*sensor_names(), *plugin_names(SENSORS)])
-        raise InputError("sensor", f"{str(source)!r} is no known sensor and no YAML file", f"Known: {known}.")
+        raise InputError(
+            "sensor", f"{str(source)[:80]!r} is no known sensor and no YAML file", f"Known: {known}."
+        )
     return path
 
 
