@@ -20,11 +20,13 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compiled.known_light import KnownLight
+from objectfolder.vision.compiled.lattice_values import LatticeLookup
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
 from objectfolder.vision.compiled.renderer import CompiledRenderer
 from objectfolder.vision.environment import Environment
+from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.surface_maps import SurfaceMaps
 from objectfolder.vision.visionnet.fitting import fit_visionnet
@@ -74,6 +76,16 @@ def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():
     sent = shown.sent(np.ones((len(shown.row), 3)))
     np.testing.assert_allclose(sent, shown.everything, atol=1e-6)
     np.testing.assert_allclose(sent.mean(axis=0), 1.0, atol=0.02)
+
+
+def test_a_kernel_looks_up_a_lattice_as_the_lattice_does():
+    lattice = FaceLattice(hollow_ball()[1].triangles, 1 / 16)
+    random = np.random.default_rng(0)
+    values = random.integers(0, 63, (lattice.size, 3)).astype(np.uint8)
+    face = random.integers(0, 20, 200)
+    barycentric = random.dirichlet(np.ones(3), 200)
+    answer = LatticeLookup(lattice).interpolate(values, face, barycentric)
+    np.testing.assert_array_equal(answer, lattice.interpolate(values, face, barycentric))
 
 
 def test_a_convex_body_sends_itself_nothing_and_lambert_lights_it():

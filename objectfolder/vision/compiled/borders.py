@@ -67,6 +67,14 @@ def mixed(
     return marked
 
 
+def beside(edges: tuple[np.ndarray, np.ndarray], marked: np.ndarray) -> np.ndarray:
+    """Mark (p,) pixels that are marked (p,), or an edge neighbour of one that is."""
+    here, there = edges
+    more = marked.copy()
+    more[here[marked[there]]] = more[there[marked[here]]] = True
+    return more
+
+
 def contrasting(edges: tuple[np.ndarray, np.ndarray], shade: np.ndarray, limit: float) -> np.ndarray:
     """Mark (p,) pixels whose shade (p, 3) differs by more than `limit` from an edge neighbour's."""
     here, there = edges

@@ -125,18 +125,20 @@ def choose_samples(
         label, offsets_x, offsets_y, wanted, targets,
         np.empty((most, most), dtype=np.int64), np.empty((most, most), dtype=np.float32),
         np.zeros(most, dtype=bool), np.empty((groups, count), dtype=np.int64),
-        np.empty(groups, dtype=np.int64), pixel, sample, group, weight,
+        np.empty(groups, dtype=np.int64), np.empty((4, count), dtype=np.float32),
+        pixel, sample, group, weight,
     )  # fmt: skip
     return pixel[:total], sample[:total], group[:total], weight[:total]
 
 
 @arrayless(kernel)
 def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, whole_weight, whole_known,
-                    members, sizes, pixel, sample, group, weight):  # fmt: skip
+                    members, sizes, near, pixel, sample, group, weight):  # fmt: skip
     """Write the answer of `choose_samples`, and return how many samples there are.
 
     A pixel of one group has the same samples chosen every time: row k - 1 of `whole_sample` and
-    `whole_weight`, once it is known. Working memory are `members` (groups, s) and `sizes` (groups,).
+    `whole_weight`, once it is known. Working memory are `members` (groups, s), `sizes` (groups,) and `near`
+    (4, s).
     """
     pixels, count = label.shape
     groups = len(sizes)
@@ -167,7 +169,7 @@ def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, 
                 continue
             start = total
             total = _stand_for(
-                members[g], sizes[g], offsets_x, offsets_y, targets[k - 1], k, sample, weight, total
+                members[g], sizes[g], offsets_x, offsets_y, targets[k - 1], k, near, sample, weight, total
             )
             for j in range(start, total):
                 pixel[j], group[j] = p, g
@@ -179,40 +181,40 @@ def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, 
 
 
 @arrayless(kernel)
-def _stand_for(members, size, offsets_x, offsets_y, targets, most, sample, weight, total):
+def _stand_for(members, size, offsets_x, offsets_y, targets, most, near, sample, weight, total):
     """Write up to `most` of `members` (>= size,) and the shares nearest to each from row `total` on.
 
-    Return the row after them.
+    Return the row after them. Working memory are `near` (4, s): places of the members, and of those chosen.
     """
     low_x, high_x = np.float32(1.0), np.float32(-1.0)
     low_y, high_y = np.float32(1.0), np.float32(-1.0)
+    x, y, chosen_x, chosen_y = near[0], near[1], near[2], near[3]
     for m in range(size):
         s = members[m]
-        low_x, high_x = min(low_x, offsets_x[s]), max(high_x, offsets_x[s])
-        low_y, high_y = min(low_y, offsets_y[s]), max(high_y, offsets_y[s])
-    start = total
-    for j in range(min(most, size)):
+        x[m], y[m] = offsets_x[s], offsets_y[s]
+        low_x, high_x = min(low_x, x[m]), max(high_x, x[m])
+        low_y, high_y = min(low_y, y[m]), max(high_y, y[m])
+    kept = min(most, size)
+    for j in range(kept):
         aim_x = low_x + (high_x - low_x) * targets[j, 0]
         aim_y = low_y + (high_y - low_y) * targets[j, 1]
         nearest, gap = -1, np.float32(np.inf)
         for m in range(size):
-            s = members[m]
-            away = (offsets_x[s] - aim_x) ** 2 + (offsets_y[s] - aim_y) ** 2
+            away = (x[m] - aim_x) ** 2 + (y[m] - aim_y) ** 2
             if away < gap:
                 taken = False
-                for t in range(start, total):
-                    taken |= sample[t] == s
+                for t in range(total, total + j):
+                    taken |= sample[t] == members[m]
                 if not taken:
-                    nearest, gap = s, away
-        sample[total], weight[total] = nearest, 0.0
-        total += 1
+                    nearest, gap = m, away
+        sample[total + j], weight[total + j] = members[nearest], 0.0
+        chosen_x[j], chosen_y[j] = x[nearest], y[nearest]
     share = np.float32(1.0 / len(offsets_x))
     for m in range(size):
-        s = members[m]
-        nearest, gap = start, np.float32(np.inf)
-        for t in range(start, total):
-            away = (offsets_x[s] - offsets_x[sample[t]]) ** 2 + (offsets_y[s] - offsets_y[sample[t]]) ** 2
+        nearest, gap = 0, np.float32(np.inf)
+        for j in range(kept):
+            away = (x[m] - chosen_x[j]) ** 2 + (y[m] - chosen_y[j]) ** 2
             if away < gap:
-                nearest, gap = t, away
-        weight[nearest] += share
-    return total
+                nearest, gap = j, away
+        weight[total + nearest] += share
+    return total + kept

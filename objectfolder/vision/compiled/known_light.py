@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from objectfolder.errors import FormatError
+from objectfolder.vision.compiled.lattice_values import LatticeMaterial
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.lobes import Cast, lobe_directions, scattered, stepped
 from objectfolder.vision.compiled.network import Known, reflected_once
@@ -17,11 +18,13 @@ from objectfolder.vision.network.network_layout import LEAST_COSINE
 
 # Unit-frame lengths to a light that is taken as infinitely far.
 INFINITE_DISTANCE = 1e4
-# Directions of a point's gloss in which the surface is looked for: of matt things, where there is metal, and
-# how many times more in pixels in which something ends, which are not averaged with others.
-GLOSS_SAMPLES, METAL_SAMPLES, ENDS = 2, 4, 2
+# Directions of a point's gloss in which the surface is looked for, and in pixels in which something ends, for
+# these are not averaged with others: of matt things, and where there is metal.
+GLOSS_SAMPLES, METAL_SAMPLES = (2, 4), (4, 16)
 # Times that gloss shows gloss, and what parts the directions of these.
 GLOSS_BOUNCES, OFFSET = 2, 977
+# Points, what is known of them, where they are in an image, and directions (n,) of each.
+Gloss = tuple[Points, Known, Cast, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class KnownLight:
     alpha2
         Squared GGX width where no map gives another.
     samples
-        Directions of a point's gloss in which the surface is looked for.
+        Directions of a point's gloss in which the surface is looked for, and where something ends.
 
     Raises
     ------
@@ -86,7 +89,7 @@ class KnownLight:
         if appearance is None or not material.states("albedo"):
             raise FormatError("vision", "light of a material that is not stated", "Build it again.")
         self.alpha2 = np.float32(max(appearance.roughness, LEAST_ROUGHNESS) ** 4)
-        self._lit, self._surface, self._material = lit, surface, material
+        self._lit, self._surface, self._material = lit, surface, LatticeMaterial(material)
         constant = () if material.mapped("roughness") else (appearance.roughness,)
         self._principled = Principled(appearance.specular, constant)
         metal = material.mapped("metallic") or appearance.metallic > 0

@@ -7,6 +7,7 @@ truth, a surface that light reaches from another is matt, and a metal black.
 import numpy as np
 from scipy.spatial import cKDTree
 
+from objectfolder.vision.compiled.lattice_values import LatticeLookup, mix
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.network.incidence import SELF_OFFSET, UnitSurface
@@ -61,8 +62,9 @@ class Radiosity:
         a, b, c = np.moveaxis(surface.triangles, 1, 0)
         area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / len(face)
         self._exchange = self._exchanged(area * self._count)
-        self._lattice = FaceLattice(surface.triangles, PITCH)
-        self._near, self._share = self._interpolation()
+        lattice = FaceLattice(surface.triangles, PITCH)
+        self._near, self._share = self._interpolation(lattice)
+        self._lookup = LatticeLookup(lattice)
         self._fields: dict[bytes, np.ndarray] = {}
 
     def _spread(self) -> tuple[np.ndarray, np.ndarray]:
@@ -119,11 +121,11 @@ class Radiosity:
         exchange /= np.maximum(exchange.sum(axis=1, keepdims=True), 1.0)
         return exchange
 
-    def _interpolation(self) -> tuple[np.ndarray, np.ndarray]:
+    def _interpolation(self, lattice: FaceLattice) -> tuple[np.ndarray, np.ndarray]:
         """Return the sites (v, k) nearest to each value of the lattice, and their shares (v, k)."""
-        face, barycentric = self._lattice.places(np.zeros((1, 2)))
+        face, barycentric = lattice.places(np.zeros((1, 2)))
         points = self._lit.points(face, barycentric, -self._lit.facets[face])
-        place = self._lattice.mean(_places(points))
+        place = lattice.mean(_places(points))
         distance, near = map(np.asarray, cKDTree(_places(self._sites)).query(place, SITE_NEIGHBOURS))
         share = 1 / (distance + ALIKE_DISTANCE) ** 2
         return near, share / share.sum(axis=1, keepdims=True)
@@ -147,7 +149,7 @@ class Radiosity:
             while len(self._fields) >= REMEMBERED:
                 del self._fields[next(iter(self._fields))]
             self._fields[key] = self._field(lights, direct)
-        return self._lattice.interpolate(self._fields[key], face, barycentric)
+        return self._lookup.interpolate(self._fields[key], face, barycentric)
 
     def _field(self, lights: Lights, direct: bool) -> np.ndarray:
         """Return the values (v, 3) of the lattice that `irradiance` is between."""
@@ -165,7 +167,7 @@ class Radiosity:
             reached = self._exchange @ sending.astype(np.float32)
             total += reached
             sending = self._albedo * reached
-        return np.einsum("vk,vkc->vc", self._share, total[self._near])
+        return mix(total, self._near, self._share)
 
 
 def _places(points: Points) -> np.ndarray:

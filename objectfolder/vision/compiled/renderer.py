@@ -7,9 +7,9 @@ import numpy as np
 
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import sub_ray_offsets
-from objectfolder.vision.compiled.borders import contrasting, mixed, smoothed, sum_by_pixel
+from objectfolder.vision.compiled.borders import beside, contrasting, mixed, smoothed, sum_by_pixel
 from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
-from objectfolder.vision.compiled.known_light import ENDS, KnownLight
+from objectfolder.vision.compiled.known_light import Gloss, KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.network import CompiledNetwork, Known
@@ -42,8 +42,12 @@ CURVED, MORE = 0.03, 4
 TURNED, SHARP = 0.7, 0.2
 # Directions of a highlight in an environment for a point of an even pixel (else 1), and of one mirrored.
 HIGHLIGHT_SAMPLES, MIRROR_SAMPLES = 2, 4
-# Times more points of known material where a smooth piece of surface ends; each asks for its own shadow.
-UNEVEN = 6
+# Times more points of known material where a smooth piece of surface ends, at first and where light or colour
+# changes in it; each point asks for its own shadow.
+UNEVEN, UNEVEN_AGAIN = 3, 6
+# Points of a smooth piece of surface in a pixel whose gloss is asked whether it shows any surface, and how it
+# looks.
+GLOSS_PROBES, GLOSS_POINTS = 2, 4
 # Directions of a ray's gloss in which the surface is looked for.
 RAY_SAMPLES = 8
 # What arrives from all round is averaged over pixels this far to either side. Of weight 1 / e are those whose
@@ -112,6 +116,20 @@ class _Chosen:
     group: np.ndarray
     weight: np.ndarray
     points: Points
+
+    def thinned(self, most: int, pixels: np.ndarray) -> tuple[np.ndarray, "_Chosen"]:
+        """Return which rows are up to `most` points of each group of pixels marked (p,), and these points.
+
+        Those of a group have equal shares.
+        """
+        first = np.flatnonzero(np.diff(self.pixel * GROUPS + self.group, prepend=-1))
+        several = np.diff(first, append=len(self.pixel))
+        kept = np.where(pixels[self.pixel[first]], np.minimum(several, most), 0)
+        of = np.repeat(np.arange(len(first)), kept)
+        order = np.arange(len(of)) - (np.cumsum(kept) - kept)[of]
+        row = first[of] + (2 * order + 1) * several[of] // (2 * kept[of])
+        weight = (np.add.reduceat(self.weight, first) / np.maximum(kept, 1))[of]
+        return row, _Chosen(self.pixel[row], self.group[row], weight, self.points.of(row))
 
 
 @dataclass(frozen=True)
@@ -233,7 +251,8 @@ class CompiledRenderer:
         """
         effort = Effort.of(sub_rays)
         known = isinstance(self._network, KnownLight)
-        view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, SMOOTH_PX if known else 0)
+        reach = SMOOTH_PX + 1 if known else 0
+        view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, reach)
         colour = np.zeros((len(view.rows), 3))
         lights = list(_lights(light_position, light_colour))
         if len(colour) and lights:
@@ -410,13 +429,32 @@ class CompiledRenderer:
     def _in_gloss(
         self, view: View, probes: _Chosen, chosen: _Chosen, known: Known, lights: Lights
     ) -> np.ndarray:
-        """Return the colour (p, 3) of the surface that pixels show in their gloss, as `chosen`."""
-        network = self._network
+        """Return the colour (p, 3) of the surface that pixels show in their gloss, as `chosen`.
+
+        Few rays tell in which pixels there is any; more are sent there and beside.
+        """
+        network, count = self._network, len(view.rows)
         assert isinstance(network, KnownLight)
-        samples = np.where(chosen.pixel < view.samples[1].start, 1, ENDS) * network.samples
-        turns = network.samples if len(lights[0]) >= LIGHTS_IN_TURN else 1
-        parts = network.in_gloss(chosen.points, known, _cast(view, chosen), samples, lights, turns)
-        above, below = (sum_by_pixel(chosen.pixel, chosen.weight, part, len(view.rows)) for part in parts)
+
+        def asked(pixels: np.ndarray, points: int, samples: tuple[int, int]) -> tuple[_Chosen, Gloss]:
+            row, some = chosen.thinned(points, pixels)
+            of_row = known[0][row], known[1][row]
+            directions = np.where(some.pixel < view.samples[1].start, *samples)
+            return some, (some.points, of_row, _cast(view, some), directions)
+
+        def summed(some: _Chosen, part: np.ndarray) -> np.ndarray:
+            total: np.ndarray = sum_by_pixel(some.pixel, some.weight, part, count)
+            return total
+
+        few, gloss = asked(np.ones(count, dtype=bool), GLOSS_PROBES, (1, 1))
+        shown = network.shown(*gloss, 1)
+        shows = np.zeros(count, dtype=bool)
+        shows[few.pixel[shown.row]] = True
+        shows = beside(view.edges, beside(view.edges, shows))
+        some, gloss = asked(shows, GLOSS_POINTS, network.samples)
+        turns = network.samples[0] if len(lights[0]) >= LIGHTS_IN_TURN else 1
+        above, below = (summed(some, part) for part in network.in_gloss(*gloss, lights, turns))
+        below[~shows] = summed(few, shown.everything)[~shows]
         return _smoother(view, probes)(SMOOTH_LOBE * float(network.alpha2), above, below)
 
     def _lit_in_turn(
@@ -477,18 +515,23 @@ class CompiledRenderer:
         in which colour changes fast: the more so in those that are `curved` (p,).
         """
         labels, state, split = self._shadows(view, probes, light, effort.shadow_rays)
-        finest = np.full(len(split), effort.shaded_uneven)
-        if isinstance(self._network, KnownLight) and effort.shaded > 1:
+        coarse, finest = np.full(len(split), effort.shaded), np.full(len(split), effort.shaded_uneven)
+        several = isinstance(self._network, KnownLight) and effort.shaded > 1
+        if several:
             uneven = view.samples[1]
             labels[1], state[uneven.pixels], split[uneven.pixels] = uneven.label, 0, False
-            finest[uneven.pixels] = max(effort.shaded_uneven, UNEVEN * effort.shaded)
+            coarse[uneven.pixels] = UNEVEN_AGAIN * effort.shaded
+            finest = np.maximum(finest, coarse)
 
-        def again(pixels: np.ndarray, shaded: np.ndarray | int) -> None:
+        def again(pixels: np.ndarray, shaded: np.ndarray) -> None:
             some = self._chosen(view, labels, np.where(pixels, shaded, 0))
-            colour[pixels] = self._shaded(some, self._seen(some.points), state, light)[pixels]
+            colour[pixels] = self._shaded(some, self._seen(some.points), state, light)[0][pixels]
 
-        colour = self._shaded(chosen, seen, state, light)
-        again(split, effort.shaded)
+        colour, answer = self._shaded(chosen, seen, state, light)
+        if several:
+            ends = mixed(view.edges, len(split), chosen.pixel, answer)
+            split[uneven.pixels] = ends[uneven.pixels]
+        again(split, coarse)
         if effort.shaded_uneven > effort.shaded:
             shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
             sharp = curved & contrasting(view.edges, shade, SHARP)
@@ -537,14 +580,16 @@ class CompiledRenderer:
             labels.append(label)
         return labels, state, split
 
-    def _shaded(self, chosen: _Chosen, seen: _Seen, state: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Return the colour (p, 3) of the pixels from points that were chosen."""
+    def _shaded(
+        self, chosen: _Chosen, seen: _Seen, state: np.ndarray, light: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the colour (p, 3) of the pixels from points that were chosen, and these points' states."""
         known = state[chosen.pixel, chosen.group]
         irradiance, hidden = self._surface.light_from(chosen.points, light, known == 0)
-        irradiance[hidden | (known == 2)] = 0.0
+        answer = np.where(irradiance > 0, np.where(hidden | (known == 2), 2, 1), 0)
+        irradiance[answer == 2] = 0.0
         colour = self._colour(seen, irradiance, light)
-        total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(state))
-        return total
+        return sum_by_pixel(chosen.pixel, chosen.weight, colour, len(state)), answer
 
 
 def _labels(view: View) -> list[np.ndarray]:

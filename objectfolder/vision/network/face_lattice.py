@@ -17,7 +17,8 @@ from objectfolder.products.integer_coding import pack_integers, unpack_integers
 MOST_STEPS = 1024
 """Along an edge of a face."""
 
-MOST_PLACES = 1 << 21
+_PLACE_BITS = 21
+MOST_PLACES = 1 << _PLACE_BITS
 """Of a lattice: six times those of a chair, 1/192 of its length apart."""
 
 HALF_SIDE = 0.6
@@ -88,6 +89,14 @@ class FaceLattice:
         np.put_along_axis(barycentric, self._corners[face], np.stack([1 - x - y, x, y], axis=1), axis=1)
         return face, np.clip(barycentric, 0.0, 1.0)
 
+    @property
+    def grids(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of each face its corners (F, 3) in the order of its grid, steps (F,) along two edges, first place.
+
+        Places follow one another along the first edge, from the first corner to the second, and so on.
+        """
+        return self._corners, self._columns, self._rows, self._start
+
     @cached_property
     def owner(self) -> np.ndarray:
         """Which value (p,) is that of each place: in order of cubes along a Morton curve where shared."""
@@ -100,7 +109,11 @@ class FaceLattice:
             position = barycentric[:, 0] * a[face] + barycentric[:, 1] * b[face] + barycentric[:, 2] * c[face]
             cell = np.floor((position + HALF_SIDE) / self._pitch).astype(np.int64)
             key |= _SPREAD[cell & _CELLS] << 2 - axis
-        return np.unique(key, return_inverse=True)[1].ravel()
+        # Key and place in one number, for numbers sort sooner than their order is found.
+        order = np.sort(key << _PLACE_BITS | np.arange(self._size))
+        owner = np.empty(self._size, dtype=np.int64)
+        owner[order & (1 << _PLACE_BITS) - 1] = np.cumsum(np.diff(order >> _PLACE_BITS, prepend=-1) > 0) - 1
+        return owner
 
     @cached_property
     def size(self) -> int:
