@@ -20,7 +20,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
-from pipeline.run.forecast.estimates import last_costs
+from pipeline.run.estimates import last_costs
 
 TABLE = RESULTS / "hundred_per_object.csv"
 # Column of the table, and whether a larger value is the better one.

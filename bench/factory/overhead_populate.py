@@ -36,10 +36,6 @@ class Fabricating:
         """Accept a job."""
         self._jobs.append(job)
 
-    def cpu_seconds(self) -> None:
-        """Return None: nothing is measured."""
-        return
-
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         """Make the products of the jobs."""
         while self._jobs:

@@ -17,7 +17,7 @@ from pipeline.dataset.failures import read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
-from pipeline.run.forecast.estimates import Estimate, last_costs
+from pipeline.run.estimates import Estimate, last_costs
 
 STAGE = "modes"
 COMPARED = (

@@ -202,7 +202,7 @@ def plan(
     count
         for this number of objects that do not exist yet
     """
-    from pipeline.run.forecast.plan import plan_data_set
+    from pipeline.run.plan import plan_data_set
 
     data_set_plan = plan_data_set(root.absolute(), table, workers, count)
     print_result(data_set_plan, json=json)

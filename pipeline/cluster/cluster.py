@@ -16,7 +16,6 @@ from pipeline.dataset.job import Finished, Job, Runner, failed
 from pipeline.dataset.task import Outcome
 from pipeline.sandbox import scratch
 from pipeline.sandbox.isolation import GLIBC, Child, ProcessKilled
-from pipeline.sandbox.process_tree import cpu_seconds
 
 FEW = 1  # jobs for which starting a cluster takes longer than it saves
 MOST_KILLS_HERE = 2  # of a task's own process, after which it fails
@@ -104,10 +103,6 @@ class OneProcess:
                 continue
             outcome, tries = self._run(job)
             yield Finished(job, outcome, "here", "here", tries)
-
-    def cpu_seconds(self) -> float:
-        """Return the CPU seconds of this process's children so far."""
-        return cpu_seconds(os.getpid())
 
     def _run(self, job: Job) -> tuple[Outcome, int]:
         for tries in range(1, MOST_KILLS_HERE + 1):

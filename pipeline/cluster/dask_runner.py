@@ -4,7 +4,6 @@ import contextlib
 import hashlib
 import heapq
 import itertools
-import math
 import os
 import queue
 import secrets
@@ -28,7 +27,6 @@ from pipeline.cluster.workers import LOOK_S, Workers, gone
 from pipeline.dataset.job import Finished, Job, failed
 from pipeline.dataset.products import STATE
 from pipeline.dataset.task import Outcome, failure_of
-from pipeline.sandbox.process_tree import cpu_seconds
 from pipeline.store.shipping import Shipment, collect, publish
 from pipeline.store.storage import STORE, Store
 
@@ -124,7 +122,7 @@ class DaskRunner:
 
     def submit(self, job: Job) -> None:
         """Accept a job; those with the longest chain behind them run first."""
-        entry = (-job.priority, next(self._numbers), _Task(job, job.memory_bytes))
+        entry = (-job.path_seconds, next(self._numbers), _Task(job, job.memory_bytes))
         heapq.heappush(self._waiting[job.needs], entry)
         self._begin_waiting()
 
@@ -146,10 +144,6 @@ class DaskRunner:
                 task, step, then = self._ended.get(timeout=LOOK_S)
                 if task.step is step and (ended := then(task)) is not None:
                     yield ended
-
-    def cpu_seconds(self) -> float | None:
-        """Return the CPU seconds of this process's children so far; None where workers are not among them."""
-        return cpu_seconds(os.getpid()) if self._is_here else None
 
     def _begin_waiting(self) -> bool:
         """Hand the most urgent tasks that wait here to Dask, as far as it takes them; return whether any."""
@@ -191,7 +185,7 @@ class DaskRunner:
             self._settings,
             job.memory_bytes,
             key=self._key(job),
-            priority=job.priority,
+            priority=job.path_seconds,
             resources={
                 self._plugin.name: 1,
                 MEMORY_BYTES: task.memory_bytes,
@@ -204,12 +198,10 @@ class DaskRunner:
     def _key(self, job: Job) -> str:
         """Return a key that no other try and no other driver of this scheduler uses.
 
-        Dask takes what stands before the first number for a kind of task, and shares out work between workers
-        by the mean seconds of a kind. So tasks that are expected to take as long, within a factor of 1.4, are
-        of one kind.
+        Dask takes what stands before the first hyphen for the kind of a task: its bars, its colours, and the
+        mean seconds by which it shares out work are a stage's.
         """
-        kind = f"{job.call.stage}_{round(2 * math.log2(job.seconds + 1))}"
-        return f"{kind}-{next(self._numbers)}-{self._run}-{job.object_id}"
+        return f"{job.call.stage}-{next(self._numbers)}-{self._run}-{job.object_id}"
 
     def _await(self, task: _Task, step: Any, then: Then) -> None:
         task.step = step

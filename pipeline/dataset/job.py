@@ -17,25 +17,20 @@ class Job:
     Attributes
     ----------
     call : what to run
-    seconds : expected wall seconds
-    path_seconds : expected wall seconds of it and of the longest chain of tasks that waits for it
-    priority : the same in seconds that few such chains exceed: by the mean, a task that takes far longer than
-        foretold would start late and end alone
+    seconds : expected seconds
+    path_seconds : expected seconds of it and of the longest chain of tasks that waits for it
     memory_bytes : expected peak memory of its process
     needs : what the worker must offer (`BLENDER`, `GPU`)
     inputs : input name to the fingerprint of a product, or the SHA-256 of a source file: the name under which
         a shared store knows it
-    cpu_s : expected CPU seconds
     """
 
     call: Call
     seconds: float = 0.0
     path_seconds: float = 0.0
-    priority: float = 0.0
     memory_bytes: int = 0
     needs: frozenset[str] = frozenset()
     inputs: Mapping[str, str] = field(default_factory=dict)
-    cpu_s: float = 0.0
 
     @property
     def object_id(self) -> str:
@@ -70,7 +65,7 @@ class Runner(Protocol):
     """Who runs jobs: the workers of a cluster, or one process."""
 
     def submit(self, job: Job) -> None:
-        """Accept a job, to be run before those with a lower `priority`."""
+        """Accept a job, to be run before those with fewer `path_seconds`."""
         ...
 
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
@@ -86,8 +81,4 @@ class Runner(Protocol):
         SimulationError
             Nobody can run jobs any more. What is finished stays finished.
         """
-        ...
-
-    def cpu_seconds(self) -> float | None:
-        """Return the CPU seconds that jobs used so far, running ones too; None where they run elsewhere."""
         ...

@@ -149,21 +149,15 @@ def _run(
     forget(root, {(stage, object_id) for stage, object_id, _ in left})
     saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
     with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
-        progress.measure(runner.cpu_seconds)
-
-        def submit(job: Job) -> None:
-            progress.submit(job.call.stage, job.object_id, job.cpu_s, job.priority)
+        for job in sorted(jobs, key=lambda job: job.path_seconds, reverse=True):
             runner.submit(job)
-
-        for job in sorted(jobs, key=lambda job: job.priority, reverse=True):
-            submit(job)
         for ended in runner.finished(progress.workers):
             stage, outcome = ended.job.call.stage, ended.outcome
             if outcome.failure is None and outcome.wall_s > 0:
                 add_costs(root, stage, outcome)
             record.task(stage, outcome, ended.worker, ended.host, ended.tries)
             for job in flow.done(ended):
-                submit(job)
+                runner.submit(job)
 
 
 def _sweep(stages: Sequence[Stage], root: Path) -> None:

@@ -41,8 +41,6 @@ class Cost:
     cpu_s, wall_s : seconds of the task; CPU seconds include its child processes
     peak_memory_mb : peak of its processes in MB
     key, seconds_per_query : setting of the fidelity product that a query was timed at, and its seconds
-    load, product_bytes : only in the packaged costs: what the cost grows with (see
-        `pipeline.run.forecast.estimates`) and the bytes of the products
     """
 
     object_id: str
@@ -53,8 +51,6 @@ class Cost:
     peak_memory_mb: float | None = None
     key: str = ""
     seconds_per_query: float | None = None
-    load: float | None = None
-    product_bytes: float | None = None
 
 
 def costs_path(root: Path) -> Path:
@@ -155,8 +151,6 @@ def _cost(row: Mapping[str, str | None]) -> Cost:
         measured("peak_memory_mb"),
         row.get("key") or "",
         measured("seconds_per_query"),
-        measured("load"),
-        measured("product_bytes"),
     )
 
 

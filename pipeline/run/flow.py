@@ -21,9 +21,9 @@ from pipeline.dataset.verified import Verified
 from pipeline.store.product_cache import ProductCache
 
 if TYPE_CHECKING:
-    from pipeline.run.forecast.estimates import Estimates
+    from pipeline.run.estimates import Estimates
 
-OnSettled = Callable[[str, str, str, float, float], None]
+OnSettled = Callable[[str, str, str, float], None]
 LOOKUPS = 16  # of products in DVC's cache or a shared store at once
 KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
 
@@ -31,8 +31,8 @@ KEPT, RESTORED, COMPUTED, FAILED = "kept", "restored", "computed", "failed"
 class Flow:
     """The state of every object in every stage; for arguments see `converge`.
 
-    `on_settled` is told of each object that is settled in a stage, and the CPU and wall seconds of its task,
-    0 if none ran.
+    `on_settled` is told of each object that is settled in a stage, and the wall seconds of its task, 0 if
+    none ran.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Flow:
         parameters: Parameters,
         rows: Mapping[str, Row],
         verified: Verified,
-        on_settled: OnSettled = lambda stage, object_id, outcome, cpu_s, wall_s: None,
+        on_settled: OnSettled = lambda stage, object_id, outcome, wall_s: None,
     ) -> None:
         self._stages = {stage.name: stage for stage in stages}
         self._root = root
@@ -83,16 +83,16 @@ class Flow:
         return self._advance(object_id)
 
     def unsettled(self) -> Iterator[tuple[str, str, float]]:
-        """Yield stage, object and expected CPU seconds of what is still to be made or looked at."""
+        """Yield stage, object and expected seconds of what is still to be made or looked at."""
         for name, outcomes in self.outcomes.items():
             for object_id in self._rows:
                 if object_id not in outcomes:
-                    yield name, object_id, self._estimates.cpu_s(name, object_id)
+                    yield name, object_id, self._estimates.of(name, object_id).cpu_s
 
     @cached_property
     def _estimates(self) -> "Estimates":
         """What tasks are expected to cost; imported and read only if there are any."""
-        from pipeline.run.forecast.estimates import Estimates
+        from pipeline.run.estimates import Estimates
 
         return Estimates(self._root, self._parameters)
 
@@ -145,24 +145,18 @@ class Flow:
     def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:
         object_id = call.request.object_id
         own = self._estimates.of(stage.name, object_id)
-        expected_s, late_s = self._chain_seconds(stage, object_id)
-        cpu_s = self._estimates.cpu_s(stage.name, object_id)
-        return Job(
-            call, own.wall_s, expected_s, late_s, own.memory_bytes, stage.needs, prepared.inputs, cpu_s
-        )
+        chain_s = self._chain_seconds(stage, object_id)
+        return Job(call, own.cpu_s, chain_s, own.memory_bytes, stage.needs, prepared.inputs)
 
-    def _chain_seconds(self, stage: Stage, object_id: str) -> tuple[float, float]:
-        """Return the seconds of the longest chain from `stage` on: expected, and those that few exceed."""
-        own = self._estimates.of(stage.name, object_id)
+    def _chain_seconds(self, stage: Stage, object_id: str) -> float:
+        """Return the expected seconds of the longest chain of tasks from `stage` on."""
         after = [other for other in self._stages.values() if stage.name in other.follows]
-        behind = [self._chain_seconds(other, object_id) for other in after]
-        expected_s, late_s = zip(*behind, strict=True) if behind else ((0.0,), (0.0,))
-        return own.wall_s + max(expected_s), own.late_s + max(late_s)
+        behind_s = max((self._chain_seconds(other, object_id) for other in after), default=0.0)
+        return self._estimates.of(stage.name, object_id).cpu_s + behind_s
 
     def _settle(self, stage: str, object_id: str, outcome: str, cost: Outcome | None = None) -> None:
         self.outcomes[stage][object_id] = outcome
-        cpu_s, wall_s = (cost.cpu_s, cost.wall_s) if cost else (0.0, 0.0)
-        self._on_settled(stage, object_id, outcome, cpu_s, wall_s)
+        self._on_settled(stage, object_id, outcome, cost.wall_s if cost else 0.0)
 
     def _fail(self, stage: Stage, object_id: str, failure: Failure, cost: Outcome | None = None) -> None:
         """Note a failure, and remove the object's earlier products.

@@ -8,14 +8,20 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from pipeline.run.display import Display
-from pipeline.run.time_to_go import CpuClock, TimeToGo
 
 if TYPE_CHECKING:
     from rich.console import Group
 
 
+PRIOR = 0.07  # share of the expected seconds that counts as needed as expected, before any task ended
+LEAST = 0.05  # of what running tasks have used, that they go on to use at least
+LATE = 0.25  # the same, of those that run last
+
+
 class FlowProgress:
-    """CPU seconds done and left of several stages, objects settled in each, busy workers and time to go.
+    """Seconds done and left of several stages, objects settled in each, busy workers and time to go.
+
+    What the tasks of a stage took that ended, over what they were expected to take, corrects what is left.
 
     Parameters
     ----------
@@ -33,47 +39,48 @@ class FlowProgress:
         stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._stream = stream or sys.stderr
+        self._stream, self._clock, self._stages = stream or sys.stderr, clock, stages
         self._outcomes: dict[str, Counter[str]] = {stage: Counter() for stage in stages}
-        self._cpu = CpuClock(clock)
-        self._tasks = TimeToGo(stages, self._cpu)
+        self._left: dict[str, dict[str, float]] = {stage: {} for stage in stages}  # object to seconds
+        self._left_s = dict.fromkeys(stages, 0.0)  # their sums
+        self._expected_s = dict.fromkeys(stages, 0.0)  # of tasks that ended
+        self._taken_s = dict.fromkeys(stages, 0.0)
         self._busy, self._total = 0, 1
+        self._running_s, self._last_s = 0.0, clock()  # seconds of tasks that run, up to the last look
         self._lock = threading.Lock()
         self._display = Display(self.line, self._bar, self._stream)
 
-    def expect(self, stage: str, object_id: str, cpu_s: float) -> None:
-        """Count an object as left in a stage; its task is expected to need `cpu_s`."""
+    def expect(self, stage: str, object_id: str, seconds: float) -> None:
+        """Count an object as left in a stage; its task is expected to take so long."""
         with self._lock:
-            self._tasks.expect(stage, object_id, cpu_s)
+            self._left_s[stage] += seconds - self._left[stage].get(object_id, 0.0)
+            self._left[stage][object_id] = seconds
 
-    def measure(self, used: Callable[[], float | None]) -> None:
-        """Take the CPU seconds that tasks used so far from `used`; None where they run on other machines."""
+    def settle(self, stage: str, object_id: str, outcome: str, wall_s: float = 0.0) -> None:
+        """Count the outcome of an object in a stage, and what its task took, 0 where none ran."""
         with self._lock:
-            self._cpu.measure(used)
-
-    def submit(self, stage: str, object_id: str, cpu_s: float, priority: float) -> None:
-        """Note that a task can begin, which is now expected to need `cpu_s`."""
-        with self._lock:
-            self._tasks.submit(stage, object_id, cpu_s, priority)
-
-    def settle(
-        self, stage: str, object_id: str, outcome: str, cpu_s: float = 0.0, wall_s: float = 0.0
-    ) -> None:
-        """Count the outcome of an object in a stage, and what its task used, 0 where none ran."""
-        with self._lock:
+            self._look()
             self._outcomes[stage][outcome] += 1
-            self._cpu.tick()
-            self._tasks.settle(stage, object_id, cpu_s, wall_s)
+            expected_s = self._left[stage].pop(object_id, 0.0)
+            self._left_s[stage] -= expected_s
+            if wall_s > 0:
+                self._expected_s[stage] += expected_s
+                self._taken_s[stage] += wall_s
+                self._running_s = max(0.0, self._running_s - wall_s)
 
     def workers(self, busy: int, total: int) -> None:
         """Note how many workers there are and how many are busy; the first call begins to show."""
         with self._lock:
+            self._look()
             self._busy, self._total = busy, total
-            self._cpu.tick(busy)
-            self._tasks.run(busy)
-            left = sum(map(self._tasks.count, self._outcomes))
+            left = any(self._left.values())
         if left:
             self._display.start()
+
+    def _look(self) -> None:
+        now_s = self._clock()
+        self._running_s += self._busy * (now_s - self._last_s)
+        self._last_s = now_s
 
     def close(self) -> None:
         """Stop, and write the outcomes of each stage on a line."""
@@ -90,9 +97,37 @@ class FlowProgress:
         return " | ".join([self._status(*self._state()), *self._shares()])
 
     def _state(self) -> tuple[float, float, float]:
+        """Return wall seconds to go, and seconds of tasks left and done.
+
+        No schedule is faster than the work shared evenly, or than the longest chain of tasks of one object.
+        """
         with self._lock:
-            self._cpu.tick()
-            return self._tasks.seconds(self._total)
+            self._look()
+            ratios = self._ratios()
+            work_s = sum(ratio * self._left_s[stage] for stage, ratio in ratios.items())
+            work_s = max(work_s - self._running_s, LEAST * self._running_s)
+            ends: dict[str, float] = {}
+            for stage, before in self._stages.items():
+                mean_s = ratios[stage] * self._left_s[stage] / (len(self._left[stage]) or 1)
+                ends[stage] = mean_s + max((ends.get(other, 0.0) for other in before), default=0.0)
+            chain_s = max(ends.values(), default=0.0)
+            if self._busy and next((len(left) for left in self._left.values() if left), 0) <= self._busy:
+                run_s = self._running_s / self._busy  # else a chain is left that has not begun
+                chain_s = max(chain_s - run_s, LATE * run_s)
+            to_go_s = max(work_s / max(1, self._total), chain_s)
+            return to_go_s, work_s, sum(self._taken_s.values()) + self._running_s
+
+    def _ratios(self) -> dict[str, float]:
+        """Return the seconds that a task of each stage takes over those expected, by those that ended."""
+        expected = {stage: self._left_s[stage] + self._expected_s[stage] for stage in self._left}
+        prior = PRIOR * sum(expected.values())
+        mean = (sum(self._taken_s.values()) + prior) / ((sum(self._expected_s.values()) + prior) or 1.0)
+        ratios = {}
+        for stage in self._left:
+            # The fewer tasks of a stage ended, the more those of all count.
+            prior = PRIOR * expected[stage]
+            ratios[stage] = (self._taken_s[stage] + prior * mean) / ((self._expected_s[stage] + prior) or 1.0)
+        return ratios
 
     def _status(self, to_go_s: float, left_s: float, done_s: float) -> str:
         share = done_s / ((left_s + done_s) or 1.0)
@@ -100,7 +135,7 @@ class FlowProgress:
 
     def _shares(self) -> list[str]:
         counts = ((stage, outcomes.total()) for stage, outcomes in self._outcomes.items())
-        return [f"{stage} {done}/{done + self._tasks.count(stage)}" for stage, done in counts]
+        return [f"{stage} {done}/{done + len(self._left[stage])}" for stage, done in counts]
 
     def _bar(self) -> "Group":
         from rich.console import Group

@@ -168,10 +168,6 @@ class UntilFailure:
             if ended.outcome.failure is not None:
                 return
 
-    def cpu_seconds(self) -> float | None:
-        """Return the CPU seconds that jobs used so far."""
-        return self._runner.cpu_seconds()
-
 
 def _record(building: Building, output: Path) -> "ObjectRecord":
     """Return the object as a table would have it."""

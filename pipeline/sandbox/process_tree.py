@@ -19,18 +19,6 @@ def descendants(pid: int) -> list[int]:
     return pids
 
 
-def cpu_seconds(pid: int) -> float:
-    """Return the CPU seconds that the processes below `pid` used so far, those that ended included."""
-    import psutil
-
-    below = psutil.Process(pid).cpu_times()
-    total = below.children_user + below.children_system
-    for process in descendants(pid):
-        with contextlib.suppress(psutil.Error):
-            total += sum(psutil.Process(process).cpu_times()[:4])  # its own, and its children's that ended
-    return float(total)
-
-
 def end_with_variable(name: str, value: str) -> None:
     """Kill every process that was started with an environment variable of this value, and what it starts.
 

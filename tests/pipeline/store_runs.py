@@ -37,9 +37,6 @@ class Elsewhere:
     def submit(self, job: Job) -> None:
         self._jobs.append(job)
 
-    def cpu_seconds(self) -> None:
-        return None
-
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         while self._jobs:
             job = self._jobs.pop(0)

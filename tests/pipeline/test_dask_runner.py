@@ -99,7 +99,7 @@ def test_the_longest_chain_runs_first_and_memory_is_kept(local):
     toys, started = local
     shape = {f"sized_{index}": (index, (index % 3 + 1) * 10**9) for index in range(8)}
     jobs = [
-        noted(toys, name, 0.4, priority=float(seconds), memory_bytes=memory)
+        noted(toys, name, 0.4, path_seconds=float(seconds), memory_bytes=memory)
         for name, (seconds, memory) in shape.items()
     ]
     assert not any(end.outcome.failure for end in run(started, *jobs))
@@ -114,8 +114,8 @@ def test_the_longest_chain_runs_first_and_memory_is_kept(local):
 
 def test_a_task_larger_than_any_worker_runs_alone_on_the_largest(local):
     toys, started = local
-    small = [noted(toys, f"small_{index}", priority=1.0, memory_bytes=10**8) for index in range(4)]
-    giant = noted(toys, "giant", priority=2.0, memory_bytes=10**15)
+    small = [noted(toys, f"small_{index}", path_seconds=1.0, memory_bytes=10**8) for index in range(4)]
+    giant = noted(toys, "giant", path_seconds=2.0, memory_bytes=10**15)
     assert not any(end.outcome.failure for end in run(started, *small, giant))
     assert not any(overlap(toys.root, "giant", one.object_id) for one in small)
 

@@ -12,7 +12,6 @@ from pipeline.cluster.run_task import Answer
 from pipeline.cluster.worker_plugin import MEMORY_BYTES
 from pipeline.dataset.job import BLENDER, GPU, Job
 from pipeline.dataset.task import Call, Outcome, Request
-from pipeline.run.time_to_go import MOST_CHAINED, CpuClock, TimeToGo
 
 THREADS, HOSTS = 2, 3
 
@@ -63,9 +62,9 @@ def driver(tmp_path: Path) -> tuple[dask_runner.DaskRunner, Client]:
     return runner, client
 
 
-def job(name: str, priority: float, needs: frozenset[str] = frozenset()) -> Job:
+def job(name: str, path_seconds: float, needs: frozenset[str] = frozenset()) -> Job:
     call = Call("views", "", Request(name, {}, {}, {}, 0), (), "", {})
-    return Job(call, priority=priority, memory_bytes=10**9, needs=needs)
+    return Job(call, path_seconds=path_seconds, memory_bytes=10**9, needs=needs)
 
 
 def test_dask_has_a_few_tasks_a_thread_and_the_most_urgent_first(driver, monkeypatch):
@@ -99,14 +98,3 @@ def test_tasks_that_wait_fail_as_others_where_no_worker_can_run_them(driver, mon
     ends = list(runner.finished(lambda busy, total: None))
     assert sorted(end.job.object_id for end in ends) == list("01234")
     assert all(f"no worker offers {GPU}" in end.outcome.failure.error for end in ends)
-
-
-def test_the_time_to_go_of_very_many_tasks_comes_from_sums(monkeypatch):
-    clock = CpuClock(lambda: 0.0)
-    tasks = TimeToGo({"modes": [], "encode": ["modes"]}, clock)
-    for index in range(MOST_CHAINED):
-        tasks.expect("modes", str(index), 3.0)
-        tasks.expect("encode", str(index), 1.0)
-    monkeypatch.setattr(tasks, "_chains", lambda left: pytest.fail("looked at all tasks"))
-    tasks.settle("modes", "7", 3.0, 3.0)
-    assert tasks.seconds(8)[0] == pytest.approx((4.0 * MOST_CHAINED - 3.0) / 8)

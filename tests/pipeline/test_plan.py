@@ -14,8 +14,8 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.task import Outcome
 from pipeline.run.costs import add_costs
-from pipeline.run.forecast.estimates import packaged_costs
-from pipeline.run.forecast.plan import Machines, Plan, machines_of, plan, plan_for_count
+from pipeline.run.estimates import TYPICAL
+from pipeline.run.plan import Machines, Plan, machines_of, plan, plan_for_count
 
 REPOSITORY = Path(__file__).parents[2]
 MACHINES = Machines(1, 2, 16 * 10**9)
@@ -74,7 +74,7 @@ def test_known_tasks_sum_up_and_share_workers_and_memory(toys: Toys) -> None:
 
 
 def test_a_plan_for_objects_to_come_grows_with_their_number(tmp_path: Path) -> None:
-    # As the packaged costs were taken.
+    # As typical costs were taken.
     text = (REPOSITORY / "params.yaml").read_text()
     text = text.replace("material: known", "material: learned").replace(
         "training_views: 24", "training_views: 100"
@@ -83,10 +83,8 @@ def test_a_plan_for_objects_to_come_grows_with_their_number(tmp_path: Path) -> N
     parameters = read_parameters(tmp_path / "params.yaml")
     few, many = (plan_for_count(tmp_path, parameters, count, MACHINES, [64]) for count in (50, 200))
     for name in STAGES:
-        seconds = [cost.cpu_s for (_, stage), cost in packaged_costs().items() if stage == name]
-        mean = sum(seconds) / len(seconds)
         assert many.stages[name].computed == 200
-        assert many.stages[name].cpu_s == pytest.approx(200 * mean)
+        assert many.stages[name].cpu_s == pytest.approx(200 * TYPICAL[name].cpu_s)
         assert many.stages[name].product_bytes == pytest.approx(4 * few.stages[name].product_bytes, rel=1e-6)
     assert many.wall[1].expected_s == pytest.approx(4 * few.wall[1].expected_s)
     assert many.chain_s <= many.wall[64].at_least_s <= many.wall[64].expected_s

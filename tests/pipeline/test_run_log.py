@@ -26,7 +26,7 @@ from pipeline.run.costs import (
     costs_path,
     known_costs,
 )
-from pipeline.run.forecast.estimates import last_costs
+from pipeline.run.estimates import last_costs
 from pipeline.run.run_record import RunRecord, records
 
 FINGERPRINTS = [f"{index:064x}" for index in range(12)]
@@ -37,7 +37,7 @@ def outcome(name, seconds=1.0, fingerprint=FINGERPRINTS[0], megabytes=100, queri
 
 
 def last_seconds(root):
-    return {key: one.wall_s for key, one in last_costs(known_costs(root)).items()}
+    return {key: cost.cpu_s for key, cost in last_costs(known_costs(root)).items()}
 
 
 def test_costs_are_known_by_fingerprint_and_kept_for_the_next_run(tmp_path):

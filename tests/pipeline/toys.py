@@ -199,12 +199,9 @@ class Here:
     def submit(self, job: Job) -> None:
         self._jobs.append(job)
 
-    def cpu_seconds(self) -> None:
-        return None
-
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         while self._jobs:
-            job = max(self._jobs, key=lambda one: one.priority)
+            job = max(self._jobs, key=lambda one: one.path_seconds)
             self._jobs.remove(job)
             self.order.append(f"{job.call.stage} {job.object_id}")
             yield Finished(job, execute(job.call))

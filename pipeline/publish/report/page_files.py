@@ -124,4 +124,4 @@ def _job(page: ObjectPage, root: Path, cache: Path) -> Job:
     target = root / FOLDER / f"{page.subject.stored_name}{TENSORS}"
     parts = {"code": page.verified.code_identity(MODULE)}
     call = Call("report", f"{MODULE}:{draw_page.__name__}", request, (target,), page.fingerprint, parts)
-    return Job(call, EXPECTED_S, EXPECTED_S, EXPECTED_S, EXPECTED_BYTES, inputs=contents, cpu_s=EXPECTED_S)
+    return Job(call, EXPECTED_S, EXPECTED_S, EXPECTED_BYTES, inputs=contents)

@@ -2,7 +2,7 @@
 
 Objects are counted as `pipeline.run.status` finds them: current ones are kept, those in DVC's cache restored,
 the rest computed; so is, at most, whatever waits for an input that does not exist yet. Seconds, memory and
-bytes are those of `pipeline.run.forecast.estimates`.
+bytes are those of `pipeline.run.estimates`.
 
 No schedule is faster than the work shared evenly, or than the longest chain of tasks of one object. The
 expected wall time is the same bound with the work of each task shared among as many as fit into memory
@@ -23,8 +23,8 @@ from pipeline.dataset.parameters import ObjectsParameters, Parameters, read_para
 from pipeline.dataset.records import read_table
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import STAGES
+from pipeline.run.estimates import Estimate, Estimates
 from pipeline.run.flow_progress import duration
-from pipeline.run.forecast.estimates import Estimate, Estimates
 from pipeline.run.status import CURRENT, WAITING, Status, status
 from pipeline.sandbox.host_memory import total_bytes
 from pipeline.store.product_cache import ProductCache
@@ -166,9 +166,10 @@ def plan(
 def plan_for_count(
     root: Path, parameters: Parameters, count: int, machines: Machines, workers: Sequence[int] = ()
 ) -> Plan:
-    """Return the plan for `count` objects that do not exist yet and are like those known."""
-    known = Estimates(root, parameters).of_known_objects()
-    return _plan(parameters.size, count, STAGES, known, machines, workers, times=count / len(known))
+    """Return the plan for `count` objects that do not exist yet, each with the mean cost of every stage."""
+    estimates = Estimates(root, parameters)
+    mean = {"": {name: estimates.mean(name) for name in STAGES}}
+    return _plan(parameters.size, count, STAGES, mean, machines, workers, times=count)
 
 
 def machines_of(place: Place) -> Machines:
@@ -198,9 +199,9 @@ def _plan(
     wall = {}
     for number in sorted({1, machines.workers, *workers}):
         hosts = math.ceil(number / machines.slots)
-        work_s = times * sum(one.wall_s for one in every) / number
+        work_s = times * sum(one.cpu_s for one in every) / number
         bounded_s = times * sum(
-            one.wall_s / min(number, hosts * machines.beside(one.memory_bytes)) for one in every
+            one.cpu_s / min(number, hosts * machines.beside(one.memory_bytes)) for one in every
         )
         wall[number] = WallTime(max(work_s, chain_s), max(bounded_s, chain_s))
     by_name = {name: _stage_plan(name, tasks, counts or {}, times) for name in stages}
@@ -223,5 +224,5 @@ def _chain_s(stages: Mapping[str, Stage], by_stage: Mapping[str, Estimate]) -> f
     ends: dict[str, float] = {}
     for name, stage in stages.items():
         before = max((ends.get(other, 0.0) for other in stage.follows), default=0.0)
-        ends[name] = before + (by_stage[name].wall_s if name in by_stage else 0.0)
+        ends[name] = before + (by_stage[name].cpu_s if name in by_stage else 0.0)
     return max(ends.values(), default=0.0)

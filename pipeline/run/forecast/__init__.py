@@ -1,1 +1,0 @@
-"""Forecasts of the cost of a run, from measured costs."""
