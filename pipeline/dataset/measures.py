@@ -1,4 +1,7 @@
-"""The measures a report is about: direction, unit, target and trivial answer of each."""
+"""The measures a report is about: key, direction, unit, target and trivial answer of each.
+
+It is the one registry: pages, summaries and descriptions go by these constants, not by keys of their own.
+"""
 
 import math
 from collections.abc import Mapping
@@ -21,6 +24,8 @@ class Measure:
     target : what the factory promises of the data set's mean
     trivial : name, beside `key`, of the score of an answer that knows nothing of the object
     occasional : stated only where some object has it, as a parameter of the data set asks
+    column, column_unit : how a table of objects calls it, where that is shorter; and its unit there
+    summary : how the last lines of a run call it, of a headline figure
     """
 
     key: str
@@ -31,6 +36,9 @@ class Measure:
     target: float | None = None
     trivial: str | None = None
     occasional: bool = False
+    column: str = ""
+    column_unit: str = "dB"
+    summary: str = ""
 
     @property
     def sense(self) -> str:
@@ -74,24 +82,52 @@ def number_at(attributes: Mapping[str, Any], key: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
+FOREGROUND = Measure(
+    "vision.psnr_foreground_db",
+    "View, PSNR of the foreground",
+    target=32.0,
+    trivial="trivial_psnr_foreground_db",
+    column="View, foreground",
+    summary="Sight:        PSNR of the foreground, held-out views,",
+)
 # Beside the headline figure of sight: published data sets print this one.
-FULL_IMAGE = Measure("vision.psnr_db", "View, PSNR of the full image", target=40.0, trivial="trivial_psnr_db")
+FULL_IMAGE = Measure(
+    "vision.psnr_db",
+    "View, PSNR of the full image",
+    target=40.0,
+    trivial="trivial_psnr_db",
+    column="View, full image",
+)
+SIMILARITY = Measure(
+    "vision.ssim",
+    "View, structural similarity",
+    unit="",
+    decimals=4,
+    target=0.985,
+    trivial="trivial_ssim",
+    column="View",
+    column_unit="SSIM",
+)
+GAIN = Measure(
+    "audio.gain_error_db",
+    "Modal gain",
+    higher_is_better=False,
+    target=-26.0,
+    column="Gain error",
+    summary="Sound:        gain error at held-out points",
+)
+CONTACT = Measure(
+    "touch.psnr_contact_db",
+    "Touch, contact region",
+    target=42.0,
+    trivial="empty_psnr_contact_db",
+    column="Touch, contact",
+    summary="Touch:        PSNR in contact, held-out touches,",
+)
 REPORTED = (
-    Measure(
-        "vision.psnr_foreground_db",
-        "View, PSNR of the foreground",
-        target=32.0,
-        trivial="trivial_psnr_foreground_db",
-    ),
+    FOREGROUND,
     FULL_IMAGE,
-    Measure(
-        "vision.ssim",
-        "View, structural similarity",
-        unit="",
-        decimals=4,
-        target=0.985,
-        trivial="trivial_ssim",
-    ),
+    SIMILARITY,
     Measure(
         "audio.frequency_error_cents", "Modal frequency", unit="cents", decimals=3, higher_is_better=False
     ),
@@ -101,9 +137,9 @@ REPORTED = (
         unit="cents",
         higher_is_better=False,
     ),
-    Measure("audio.gain_error_db", "Modal gain", higher_is_better=False, target=-26.0),
+    GAIN,
     Measure("touch.psnr_db", "Touch, whole image", trivial="empty_psnr_db"),
-    Measure("touch.psnr_contact_db", "Touch, contact region", target=42.0, trivial="empty_psnr_contact_db"),
+    CONTACT,
     Measure(
         "touch.pyrender_psnr_contact_db", "Touch, pyrender against compiled, contact region", occasional=True
     ),
@@ -112,11 +148,7 @@ BYTES = Measure("bytes.total", "Object File", "bytes", 0, False, 3e6)
 BYTE_PARTS = ("total", "surface", "vision", "audio", "touch", "metadata")
 # The headline figure of each sense, wherever an object or a data set is summed up. The three are decibels of
 # the same kind, so their margins can be compared.
-HEADLINE = tuple(
-    measure
-    for measure in REPORTED
-    if measure.key in {"vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db"}
-)
+HEADLINE = (FOREGROUND, GAIN, CONTACT)
 
 
 def smallest_margin_db(attributes: Mapping[str, Any]) -> float | None:

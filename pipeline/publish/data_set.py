@@ -18,12 +18,7 @@ from pipeline.run.costs import costs_path
 from pipeline.run.exclusive import exclusive
 
 REPORTS = "reports"
-# The headline figure of each sense, in words.
-SUMMARISED = {
-    "vision.psnr_foreground_db": "Sight:        PSNR of the foreground, held-out views,",
-    "audio.gain_error_db": "Sound:        gain error at held-out points",
-    "touch.psnr_contact_db": "Touch:        PSNR in contact, held-out touches,",
-}
+SUMMARIES = {measure.key: measure.summary for measure in HEADLINE}
 
 
 def make_report(root: Path) -> None:
@@ -81,7 +76,7 @@ class DataSetSummary:
     def __str__(self) -> str:
         lines = []
         for headline in self.headlines:
-            title = SUMMARISED[headline.measure]
+            title = SUMMARIES[headline.measure]
             if headline.mean is None or headline.worst is None:  # all failed, or all are silent
                 lines.append(f"{title} none measured")
                 continue

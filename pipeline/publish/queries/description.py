@@ -6,6 +6,7 @@ import numpy as np
 
 from objectfolder.mesh.body import told_normals
 from objectfolder.object_file import ObjectFile
+from pipeline.dataset.measures import CONTACT, FOREGROUND, FULL_IMAGE, GAIN, SIMILARITY
 
 
 def info_lines(file: ObjectFile, path: Path) -> list[str]:
@@ -37,16 +38,16 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
     heard = "no sound" if audio.get("absent") else "no audible mode"
     if audio["audible"]:
         heard = (
-            f"gain error {audio['gain_error_db']:.1f} dB, "
+            f"gain error {audio[GAIN.name]:.1f} dB, "
             f"frequencies within {audio['frequency_error_cents']:.2g} cents of the solver, "
             f"solver within about {_number(audio['solver_error_estimate_cents'])} cents"
         )
     return [
-        f"vision       PSNR of the foreground {_number(vision['psnr_foreground_db'])} dB, "
-        f"of the full image {vision['psnr_db']:.2f} dB, "
-        f"SSIM {vision['ssim']:.4f} ({vision['held_out_views']} held-out views)",
+        f"vision       PSNR of the foreground {_number(vision[FOREGROUND.name])} dB, "
+        f"of the full image {vision[FULL_IMAGE.name]:.2f} dB, "
+        f"SSIM {vision[SIMILARITY.name]:.4f} ({vision['held_out_views']} held-out views)",
         f"audio        {heard}",
-        f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch['psnr_contact_db'])} dB "
+        f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch[CONTACT.name])} dB "
         f"({touch['held_out_touches']} held-out touches); "
         f"{100 * touch['unreachable_share']:.0f} % of the surface out of the sensor's reach",
     ]

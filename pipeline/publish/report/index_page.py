@@ -8,7 +8,17 @@ from urllib.parse import urlsplit
 from markupsafe import Markup
 
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import FULL_IMAGE, HEADLINE, SENSES, number_at
+from pipeline.dataset.measures import (
+    CONTACT,
+    FOREGROUND,
+    FULL_IMAGE,
+    GAIN,
+    HEADLINE,
+    SENSES,
+    SIMILARITY,
+    Measure,
+    number_at,
+)
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
 from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
@@ -37,15 +47,17 @@ class Column(NamedTuple):
     decimals: int
     scale: float = 1.0
 
+    @classmethod
+    def of(cls, measure: Measure) -> "Column":
+        """Return the column of a measure."""
+        return cls(measure.key, measure.column, measure.column_unit, measure.decimals)
+
 
 COLUMNS = (
     Column("margin", "Margin", "dB", 1),
-    Column("vision.psnr_foreground_db", "View, foreground", "dB", 1),
-    Column("vision.psnr_db", "View, full image", "dB", 1),
-    Column("vision.ssim", "View", "SSIM", 4),
-    Column("audio.gain_error_db", "Gain error", "dB", 1),
+    *map(Column.of, (FOREGROUND, FULL_IMAGE, SIMILARITY, GAIN)),
     Column("audio.modes", "Modes", "", 0),
-    Column("touch.psnr_contact_db", "Touch, contact", "dB", 1),
+    Column.of(CONTACT),
     Column("touch.unreachable_share", "Out of reach", "%", 0, 100.0),
     Column("bytes.total", "Object File", "kB", 0, 1e-3),
     Column("cpu_seconds", "Cost", "CPU s", 1),
@@ -133,7 +145,7 @@ def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
 
 def _number(known: Mapping[str, Any], column: Column, silent: bool) -> float | None:
     value = number_at(known, column.key)
-    if value is None or (silent and column.key == "audio.gain_error_db"):
+    if value is None or (silent and column.key == GAIN.key):
         return None
     return float(f"{value * column.scale:.7g}")
 

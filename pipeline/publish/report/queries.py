@@ -10,7 +10,7 @@ from objectfolder.fidelity.sheets import SHEET_PIXELS
 from objectfolder.fidelity.sounds import cents
 from objectfolder.products.store import Product
 from objectfolder.products.tensor_file import read_tensor_file
-from pipeline.dataset.measures import number_at
+from pipeline.dataset.measures import CONTACT, FOREGROUND, FULL_IMAGE, SIMILARITY, number_at
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
@@ -174,9 +174,9 @@ def _views(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | 
     rows = _table(fidelity, "vision", "per_view")
     facts = [
         [
-            Fact("full image", number_at(row, "psnr_db"), "dB"),
-            Fact("foreground", number_at(row, "psnr_foreground_db"), "dB"),
-            Fact("SSIM", number_at(row, "ssim"), "", 4),
+            Fact("full image", number_at(row, FULL_IMAGE.name), "dB"),
+            Fact("foreground", number_at(row, FOREGROUND.name), "dB"),
+            Fact("SSIM", number_at(row, SIMILARITY.name), "", 4),
         ]
         for row in rows
     ]
@@ -214,7 +214,7 @@ def _touches(fidelity: Product, products: ObjectProducts, most: int) -> Gallery 
     rows = _table(fidelity, "touch", "per_touch")
     facts = [
         [
-            Fact("contact region", number_at(row, "psnr_contact_db"), "dB"),
+            Fact("contact region", number_at(row, CONTACT.name), "dB"),
             Fact("whole image", number_at(row, "psnr_db"), "dB"),
         ]
         for row in rows
