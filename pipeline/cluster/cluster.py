@@ -13,6 +13,7 @@ from pipeline.cluster.places import HERE, LOCAL, Place
 from pipeline.cluster.pools import offers_here
 from pipeline.cluster.starting import make_cluster, remove_keys, start_workers
 from pipeline.dataset.job import Finished, Job, Runner, failed
+from pipeline.dataset.project_files import DASHBOARD
 from pipeline.dataset.task import Outcome
 from pipeline.sandbox import scratch
 from pipeline.sandbox.isolation import GLIBC, Child, ProcessKilled
@@ -76,7 +77,11 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
     ):
         if link := client.dashboard_link:
             print(f"Dask's dashboard: {link}", file=sys.stderr)
-        yield running
+            (root / DASHBOARD).write_text(link)
+        try:
+            yield running
+        finally:
+            (root / DASHBOARD).unlink(missing_ok=True)
 
 
 class OneProcess:

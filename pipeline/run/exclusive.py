@@ -17,6 +17,7 @@ from typing import TextIO
 from filelock import FileLock, Timeout
 
 from objectfolder.errors import InputError
+from pipeline.dataset.project_files import DASHBOARD
 from pipeline.dataset.validation import number_of
 
 WAIT = "OBJECTFOLDER_WAIT"
@@ -43,6 +44,7 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
         remedy = f"Wait for it, or end it (nothing finished is lost). Without {WAIT}=0 a run waits by itself."
         raise InputError(str(root), f"in use by {_named(root)}", remedy) from error
     try:
+        (root / DASHBOARD).unlink(missing_ok=True)  # of a run that was killed
         since = datetime.now().isoformat(" ", "seconds")
         named.write_text(f"process {os.getpid()}, which has run {what} since {since}")
         yield
@@ -71,7 +73,9 @@ def _owner_file(root: Path) -> Path:
 
 
 def _named(root: Path) -> str:
-    try:
-        return _owner_file(root).read_text() or "another run"
-    except FileNotFoundError:  # it has just begun, or ended
-        return "another run"
+    """Return who holds a checkout, and where its dashboard is."""
+    words = []
+    for path in (_owner_file(root), root / DASHBOARD):
+        with contextlib.suppress(FileNotFoundError):  # it has just begun, or ended
+            words.append(path.read_text())
+    return ", dashboard ".join(words) or "another run"

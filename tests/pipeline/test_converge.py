@@ -132,7 +132,7 @@ def test_longest_expected_first(toys):
     costs = toys.root / ".objectfolder" / "costs.csv"
     rows = costs.read_text().splitlines()
     slow = next(row.split(",") for row in rows if row.startswith("dish,ingest"))
-    slow[4] = "100.0"
+    slow[3] = "100.0"
     costs.write_text("\n".join([*rows, ",".join(slow)]) + "\n" + "cup,ingest,cut sho")
     for name in toys.rows:
         INGESTED.path(toys.root, name).unlink()

@@ -16,6 +16,7 @@ from objectfolder.errors import SimulationError
 from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place
 from pipeline.dataset.job import GPU, Job
+from pipeline.dataset.project_files import DASHBOARD
 
 STILL = "poison import time; time.sleep(600)"
 TWO = Place(kwargs={"threads_per_worker": 2}, memory_gb=4.0)
@@ -136,8 +137,11 @@ def test_what_kills_its_worker_fails_alone(toys, capfd):
     jobs = [job(toys, "poison", KILL_WORKER), *(job(toys, f"good_{index}") for index in range(3))]
     with dask.config.set({"distributed.scheduler.allowed-failures": 1}), runner(TWO, toys.root, 4) as started:
         poison, *good = run(started, *jobs)
+        link = (toys.root / DASHBOARD).read_text()
         end_workers()  # Dask asks workers at the end of a run; one that is gone is no failure
-    assert "Dask's dashboard: http" in capfd.readouterr().err
+    assert link.startswith("http")
+    assert f"Dask's dashboard: {link}\n" in capfd.readouterr().err
+    assert not (toys.root / DASHBOARD).exists()
     assert "workers died under it" in poison.outcome.failure.error
     assert not any(end.outcome.failure for end in good)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import InputError
+from pipeline.dataset.project_files import DASHBOARD
 from pipeline.run.exclusive import WAIT, exclusive, owner
 
 HOLD = """
@@ -89,11 +90,14 @@ def test_no_number_of_seconds_is_an_error(tmp_path, monkeypatch, text):
 def test_a_killed_owner_blocks_nobody(tmp_path, monkeypatch):
     monkeypatch.setenv(WAIT, "0")
     with holder(tmp_path) as first:
+        (tmp_path / DASHBOARD).write_text("http://127.0.0.1:8787/status")
         assert f"process {first.pid}, " in owner(tmp_path)
+        assert owner(tmp_path).endswith(", dashboard http://127.0.0.1:8787/status")
         os.kill(first.pid, signal.SIGKILL)
         first.wait(PATIENCE_S)
         with exclusive(tmp_path, "stage modes"):
             assert "stage modes" in owner(tmp_path)
+            assert "dashboard" not in owner(tmp_path)
 
 
 def test_programs_that_a_killed_owner_started_do_not_hold_its_lock(tmp_path, monkeypatch):

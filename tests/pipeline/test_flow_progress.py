@@ -8,7 +8,7 @@ import time
 import pytest
 
 from pipeline.run.display import Display
-from pipeline.run.flow_progress import LEAST, FlowProgress, duration
+from pipeline.run.flow_progress import LATE, FlowProgress, duration
 
 STAGES = {"objects": (), "views": ("objects",), "modes": ("objects",), "encode": ("views", "modes")}
 
@@ -128,7 +128,7 @@ def test_time_to_go_is_work_over_workers_and_no_less_than_a_chain(clock):
     progress.expect("modes", "mug_0", 400.0)
     assert progress.seconds_to_go() == pytest.approx(450)
     clock.now += 60
-    assert progress.seconds_to_go() == pytest.approx(390)
+    assert progress.seconds_to_go() == pytest.approx(450)  # more chains are left than run
 
 
 def test_time_to_go_follows_what_tasks_needed_and_not_kept_objects(clock):
@@ -155,8 +155,8 @@ def test_time_to_go_falls_while_a_task_runs_and_never_to_nothing(clock):
     progress.workers(1, 1)
     assert progress.seconds_to_go() == pytest.approx(120, rel=0.02)
     clock.now += 200
-    assert progress.seconds_to_go() == pytest.approx(LEAST * 200, rel=0.01)
-    assert progress.line().startswith("97%, 10 s to go, 1 of 1 workers busy")
+    assert progress.seconds_to_go() == pytest.approx(LATE * 200, rel=0.01)
+    assert progress.line().startswith("97%, 50 s to go, 1 of 1 workers busy")
 
 
 def test_stages_that_have_not_begun_follow_those_that_ended(clock):

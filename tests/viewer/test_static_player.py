@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.io import wavfile
-from scipy.ndimage import binary_dilation, binary_erosion
 
 import objectfolder
 from pipeline.publish.viewer.static import write_player, write_player_assets
@@ -106,29 +105,35 @@ def test_the_silhouette_is_the_packages(player, folder):
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.5, 0.5), (0.62, 0.47)])
-def test_a_click_strikes_where_the_package_says_and_sounds_as_it_does(player, x, y):
+def test_a_click_strikes_the_nearest_stored_place_and_sounds_as_the_package_does(player, x, y):
     page = player.page
     answer = touched(page, "struck", lambda: click(page, x, y))
     hit = evaluated(page, "({ ...panel.last.hit.orbit.ray(panel.last.hit.x, panel.last.hit.y) })")
     file = objectfolder.load("data/object_files/bar.safetensors")
     hits = file.surface.ray_hits(np.array([hit["origin"]]), np.array([hit["direction"]]))
+    clicked = file.surface.points_at(hits.face, hits.barycentric)[0]
+    point = np.array(answer["point"])
+    places = np.array(evaluated(page, "panel.object.modes.places.map(({ point }) => point)"))
+    assert len(places) >= 200
+    assert np.linalg.norm(point - clicked) == pytest.approx(np.linalg.norm(places - clicked, axis=1).min())
     # 10 nm and a thousandth of a degree: the surface is stored exactly.
-    expected = file.surface.points_at(hits.face, hits.barycentric)[0]
-    assert np.linalg.norm(np.array(answer["point"]) - expected) < 1e-8
-    normal = file.surface.normals_at(hits.face, hits.barycentric)[0]
+    nearest = file.surface.closest_points(point[None])
+    assert np.linalg.norm(point - file.surface.points_at(nearest.face, nearest.barycentric)[0]) < 1e-8
+    normal = file.surface.normals_at(nearest.face, nearest.barycentric)[0]
     assert np.array(answer["normal"]) @ normal == pytest.approx(1, abs=1e-9)
 
     asked = python_answers(page, image=False)
     rate = evaluated(page, "panel.last.strike.sample_rate")
     played = np.array(page.evaluate("() => Array.from(objectfolderViewer.lastBuffer.getChannelData(0))"))
     assert len(played) == len(asked["sound"])
-    # The same sound but for the gains, which are interpolated between stored places: -30 dB.
+    # The same sound but for the gains, which are stored in a byte each: -30 dB.
     assert rms(played - asked["sound"]) < 10 ** (-30 / 20) * rms(asked["sound"])
     amplitudes = np.array(answer["amplitudes"])
     assert rms(amplitudes - asked["amplitudes"]) < 10 ** (-30 / 20) * rms(asked["amplitudes"])
     # And in its spectrum: the strongest partials within 1 cent of the file's modes and 1 dB of their levels.
     strength = np.abs(asked["amplitudes"]) / file.modes.dampings_per_s
     strongest = np.argsort(-strength)[:5]
+    strongest = strongest[strength[strongest] > 0.1 * strength.max()]  # others' peaks lie on skirts of these
     frequencies = file.modes.frequencies_hz[strongest]
     found, levels = spectral_peaks(played, rate, frequencies)
     _, wanted = spectral_peaks(asked["sound"].astype(float), rate, frequencies)
@@ -199,35 +204,3 @@ def test_data_that_is_not_there_is_said(open_page, tmp_path):
 
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def test_a_press_is_as_deep_and_lies_where_the_packages_does(folder, small_file, open_page):
-    """Flats, edges and corners of the bar, upright and tilted; pixels there have one sample, not four."""
-    watched = open_page(folder / "index.html", viewport={"width": 700, "height": 700})
-    watched.page.wait_for_selector(".player-side")
-    file = objectfolder.load(small_file)
-    points, normals = file.sample_contacts(24, seed=4, reachable=False)
-    reached = 0
-    for index, (point, normal) in enumerate(zip(points, normals, strict=True)):
-        depth, tilt, azimuth = 0.0004 + 0.0001 * (index % 8), 3 * (index % 4), 77 * index % 360
-        asked = f"{point.tolist()}, {normal.tolist()}, {depth}, {tilt}, {azimuth}"
-        found = evaluated(
-            watched.page,
-            f"(touch => ({{ ...touch, depth: Array.from(touch.depth) }}))(panel.object.touch.press({asked}))",
-        )
-        truth = file.press(point, depth, tilt, azimuth)
-        assert found["reachable"] == truth.reachable[0]
-        if not truth.reachable[0]:
-            assert max(found["depth"]) == 0
-            continue
-        reached += 1
-        drawn = np.array(found["depth"]).reshape(truth.depth_m.shape[1:])
-        mask = truth.mask[0]
-        # The border lies within a pixel of the truth's.
-        assert not (drawn > 0)[~binary_dilation(mask)].any()
-        assert (drawn > 0)[binary_erosion(mask)].all()
-        both = (drawn > 0) & mask
-        # Metres: a fiftieth of a millimetre, of depths up to 1.1 mm.
-        assert np.sqrt(np.mean((drawn - truth.depth_m[0])[both] ** 2)) < 2e-5
-    assert reached > 12
-    assert watched.errors == []

@@ -1,9 +1,8 @@
 """The data of an Object File for a page without a server, in few bytes.
 
 The surface is stored exactly (its own grid of steps), with the colour that the VisionNet's reflectance
-amounts to at each vertex and in the middle of each edge. Sound is stored as the gains at the first of
-AudioNet's control points, which are spread out in every leading part; the page interpolates them with
-AudioNet's own covariance. Frequencies and dampings are the file's.
+amounts to at each vertex and in the middle of each edge. Sound is stored as what AudioNet answers at some
+hundred places, drawn uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's.
 """
 
 import zlib
@@ -12,13 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.audionet.audionet import (
-    DETOUR_STEP,
-    AudioNet,
-    control_barycentric,
-    decode_detours,
-    size_of,
-)
+from objectfolder.audio.audionet.audionet import AudioNet, control_barycentric
 from objectfolder.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
@@ -28,7 +21,7 @@ from pipeline.publish.viewer import FORMAT
 
 # Gains are one byte each; this many keep an object's script within its budget.
 MOST_GAINS = 190_000
-LEAST_POINTS = 200
+LEAST_PLACES, MOST_PLACES = 200, 500
 GAIN_STEPS = 127
 # An export has 24, for it is lit anew elsewhere. With these, colours differ by less than shadows do.
 LIGHT_DIRECTIONS = 4
@@ -69,58 +62,29 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
         "sound": sound,
         "listening_gain": listening_gain(file),
         "brightness": {name: brightness(file, name) for name in STUDIOS},
-        "sensor": file.touch.sensor.to_dict() | {"photometric_table": None},
         "arrays": described,
     }
     return header, data
 
 
 def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return modes and covariance for the header, and gains at some control points."""
-    tensors, metadata = modes.tensors(), modes.metadata()
+    """Return modes for the header, and the places of gains with these."""
     count = len(modes.eigenvalues)
-    dimensions = int(metadata["detour_dimensions"])
-    step = DETOUR_STEP * size_of(surface)
     header: dict[str, Any] = {
         "eigenvalues": modes.eigenvalues.tolist(),
         "dampings_per_s": modes.dampings_per_s.tolist(),
-        "kernel": metadata["kernel"],
-        "detour_dimensions": dimensions,
-        "detour_step_m": step,
     }
     if not count:
         return header, {}
-    points = min(int(metadata["control_points"]), max(LEAST_POINTS, MOST_GAINS // (3 * count)))
-    face = tensors["audio.control_faces"][:points]
-    stored = tensors["audio.control_barycentric"][:points]
-    barycentric = control_barycentric(stored)
-    gains = modes.gains(surface.points_at(face, barycentric))
-    vertices, added = _largest(*modes.corrections(), MOST_GAINS // (3 * count))
-    # Between the control points gains are smooth but for the corrections, which the page adds.
-    row = np.full(len(surface.vertices), len(vertices))
-    row[vertices] = np.arange(len(vertices))
-    hats = np.concatenate([added, np.zeros((1, 3, count))])[row[surface.faces[face]]]
-    gains -= np.einsum("nc,ncam->nam", barycentric, hats)
-    scale, added_scale = (
-        np.maximum(np.abs(values).max(axis=(0, 1), initial=0.0), 1e-300) / GAIN_STEPS
-        for values in (gains, added)
-    )
-    header |= {"gain_steps": scale.tolist(), "correction_steps": added_scale.tolist()}
-    detours = decode_detours(tensors["audio.detours"], len(surface.vertices), dimensions, size_of(surface))
-    return header, {
-        "control_faces": face.astype(np.int32),
-        "control_barycentric": stored,
-        "detours": np.diff(np.rint(detours / step).astype(np.int32), axis=0, prepend=0).astype(np.int32),
+    places = surface.sample(min(MOST_PLACES, max(LEAST_PLACES, MOST_GAINS // (3 * count))), seed=0)
+    barycentric = np.floor(255 * places.barycentric[:, :2]).astype(np.uint8)
+    gains = modes.gains(surface.points_at(places.face, control_barycentric(barycentric)))
+    scale = np.maximum(np.abs(gains).max(axis=(0, 1), initial=0.0), 1e-300) / GAIN_STEPS
+    return header | {"gain_steps": scale.tolist()}, {
+        "place_faces": places.face.astype(np.int32),
+        "place_barycentric": barycentric,
         "gains": np.rint(gains / scale).astype(np.int8).transpose(2, 1, 0),
-        "corrected": vertices.astype(np.int32),
-        "corrections": np.rint(added / added_scale).astype(np.int8).transpose(2, 1, 0),
     }
-
-
-def _largest(vertices: np.ndarray, added: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the `most` corrections that add most, in the order of their vertices."""
-    kept = np.sort(np.argsort(-np.square(added).sum(axis=(1, 2)), kind="stable")[:most])
-    return vertices[kept], added[kept]
 
 
 def surface_colours(file: ObjectFile) -> np.ndarray:

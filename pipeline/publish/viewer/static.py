@@ -30,7 +30,6 @@ STATIC_SCRIPTS = (
     "stored_data.js",
     "stored_surface.js",
     "stored_modes.js",
-    "stored_touch.js",
     "drawing.js",
     "stored_object.js",
     "player.js",

@@ -35,7 +35,6 @@
     }
     integrated(arrays.positions, 3);
     integrated(arrays.faces, 1);
-    if (arrays.detours) integrated(arrays.detours, stored.header.sound.detour_dimensions);
     return arrays;
   }
 

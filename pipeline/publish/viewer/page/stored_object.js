@@ -14,7 +14,6 @@
       this.arrays = arrays;
       this.surface = new viewer.StoredSurface(header, arrays);
       this.modes = new viewer.StoredModes(header, arrays, this.surface);
-      this.touch = new viewer.StoredTouch(header.sensor, this.surface);
       this.facts = {
         id,
         file: `data/object_files/${id}.safetensors`,
@@ -25,8 +24,9 @@
         frequencies: this.modes.frequencies,
         dampings: this.modes.dampings,
         note:
-          "Drawn in your browser from what is stored for this page: colours without shadows, gains " +
-          "at stored places, a press only by the depth of the gel. The Python asks the Object File itself.",
+          "Drawn in your browser from what is stored for this page: colours without shadows, and what the " +
+          "Object File says of a blow at the nearest of some hundred places. `objectfolder view` asks it anywhere, " +
+          "and presses it, too.",
       };
     }
 
@@ -42,27 +42,14 @@
       const { origin, direction } = orbit.ray(x, y);
       const hit = this.surface.firstHit(origin, direction);
       if (!hit) return null;
-      const push = viewer.pushOf(along, viewer.outward(hit.normal, direction), direction);
+      if (!this.modes.frequencies.length) return { ...hit, impulse: [0, 0, 0], sound: new Float32Array(), partials: async () => [] };
+      const place = this.modes.nearest({ point: hit.point, normal: viewer.outward(hit.normal, direction) });
+      const { point, normal } = this.modes.places[place];
+      const push = viewer.pushOf(along, viewer.outward(normal, direction), direction);
       const force = times(push, impulse / length(push));
-      const amplitudes = this.modes.amplitudes(hit.face, hit.barycentric, force, hit.normal);
+      const amplitudes = this.modes.amplitudes(place, force);
       const sound = this.modes.sound(amplitudes, duration, sampleRate);
-      return { point: hit.point, normal: hit.normal, impulse: force, sound, partials: async () => amplitudes };
-    }
-
-    async press(orbit, x, y, { depth, tilt, azimuth }) {
-      const { origin, direction } = orbit.ray(x, y);
-      const hit = this.surface.firstHit(origin, direction);
-      if (!hit) return null;
-      const touch = this.touch.press(hit.point, hit.normal, depth, tilt, azimuth);
-      const { width, height } = touch;
-      const image = { width, height, rgba: viewer.depthColours(touch.depth) };
-      return {
-        point: hit.point,
-        normal: viewer.outward(hit.normal, direction),
-        ...touch,
-        pictures: [[image, "How deep it is pressed in, approximately"]],
-        said: viewer.pressWords(touch),
-      };
+      return { point, normal, impulse: force, sound, partials: async () => amplitudes };
     }
   }
 

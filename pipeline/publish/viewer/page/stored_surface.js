@@ -91,7 +91,7 @@
       }
     }
 
-    // First hit, on either side of a face: {face, barycentric, point, normal}, or null. Moeller and Trumbore 1997.
+    // First hit, on either side of a face: {point, normal}, or null. Moeller and Trumbore 1997.
     firstHit(origin, direction) {
       let best = null;
       let nearest = Infinity;
@@ -115,15 +115,16 @@
           best = { face, barycentric: [1 - u - v, u, v] };
         }
       }
-      if (!best) return null;
+      return best && this.placeOn(best.face, best.barycentric);
+    }
+
+    // {point, normal} of a place on a face.
+    placeOn(face, barycentric) {
       const interpolated = (values, indices) =>
-        [0, 1, 2].map((axis) =>
-          indices.reduce((sum, at, corner) => sum + best.barycentric[corner] * values[3 * at + axis], 0),
-        );
-      const three = [0, 1, 2].map((corner) => 3 * best.face + corner);
-      best.point = interpolated(this.vertices, three.map((corner) => this.faces[corner]));
-      best.normal = unit(interpolated(this.cornerNormals, three));
-      return best;
+        [0, 1, 2].map((axis) => indices.reduce((sum, at, corner) => sum + barycentric[corner] * values[3 * at + axis], 0));
+      const three = [0, 1, 2].map((corner) => 3 * face + corner);
+      const point = interpolated(this.vertices, three.map((corner) => this.faces[corner]));
+      return { point, normal: unit(interpolated(this.cornerNormals, three)) };
     }
   }
 
