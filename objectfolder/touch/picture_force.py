@@ -1,11 +1,9 @@
 """Force from one picture of a gel: its colours give slopes, slopes a height map, the height map a pressure.
 
-Each pixel has the slopes whose shade is nearest to its colour (photometric stereo: Yuan, Dong & Adelson 2017,
-Sensors 17(12)). Steep ones cost a little: where a value saturates, or slopes change within a pixel, those of
-another shade may be nearest. Shadows are cast by the height map, and taken off. The pressure is that which
+Shadows are cast by the height map, and taken off. The pressure is that which
 moves the gel so where it is touched. Which level of the height map bounds the contact is not seen: it is the
 one whose gel has the slopes of the picture beside the contact as well. That gel bulges beyond it, which gives
-the map's zero.
+the map's zero. A sensor with an indentation response does not show that bulge (`response_contact.py`).
 """
 
 from typing import NamedTuple
@@ -17,26 +15,24 @@ from scipy.fft import dstn, idstn
 from objectfolder.errors import QueryError
 from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
+from objectfolder.touch.picture_slopes import pixel_places, pixel_slopes
 from objectfolder.touch.rendering.shadows import shadow_caster
+from objectfolder.touch.response_contact import ResponseContact
 from objectfolder.touch.sensor.camera import ray_grid
-from objectfolder.touch.sensor.gel import gel_slopes
 from objectfolder.touch.sensor.reading import checked_background
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.sensor.shading import shade
 
 Floats = NDArray[np.float64]
 AVERAGED_PX = 2  # pixels of a side that are averaged
 # Of a value that shows a touch, above rounding; of a shadow, that is taken off.
 CHANGE, LEAST_LIGHT = 0.6 / 255, 0.2
-SLOPES, STEEPEST_SLOPE, SEARCH_ROUNDS = 25, 1.2, 3
+SEARCH_ROUNDS = 3
 # Of the contact's border, over the deepest displacement; and nearer ones round the best.
 BORDER_LEVELS, NEARER = np.arange(0.05, 0.96, 0.1), np.arange(-0.05, 0.06, 0.025)
-# Cost of a slope, of what it changes on the untouched gel.
-FLATTENING, STEP, AT_A_TIME = 2e-3, 1e-3, 400_000
 UNEXPLAINED = 0.1  # of squared slopes: of round objects less is
-PICTURE_FORCE_ERROR = (
-    0.1  # relative: simulated touches of round objects are within 0.063 (docs/touch_elastic.md)
-)
+STEEP, BEYOND = "its contact has steep walls or hardly shows", "its contact reaches the border"
+# Relative, of simulated touches of round objects (docs/touch_elastic.md); with an indentation response.
+PICTURE_FORCE_ERROR, RESPONSE_FORCE_ERROR = 0.1, 0.15
 
 
 class PictureForce(NamedTuple):
@@ -50,7 +46,7 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     """Return the force that a picture of a sensor's gel shows.
 
     It holds for one round object within the picture, without noise. The error is that of simulated touches,
-    and takes the gel's modulus as given: the force is proportional to it.
+    which are drawn by the same sensor, and takes the gel's modulus as given: the force is proportional to it.
 
     Parameters
     ----------
@@ -60,9 +56,8 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     Raises
     ------
     QueryError
-        A sensor with an indentation response, another size or type, a contact at the border of the picture,
-        or one with steep walls (an edge, a flat face, or less than shows), whose depth the picture does not
-        tell.
+        Another size or type, a contact at the border of the picture, or one with steep walls (an edge, a flat
+        face, or less than shows), whose depth the picture does not tell.
 
     Examples
     --------
@@ -74,9 +69,6 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     >>> 2.7 < force_of(touch.rgb[0], sensor).force_n < 3.3
     True
     """
-    if sensor.indentation_response is not None:
-        finding = "has an indentation response: its pictures do not show how the gel leans beside a contact"
-        raise QueryError("sensor", finding, "Give one without, such as its preset.")
     shape = sensor.image_height // AVERAGED_PX, sensor.image_width // AVERAGED_PX
     whole = checked_background(picture, sensor)[: shape[0] * AVERAGED_PX, : shape[1] * AVERAGED_PX].astype(
         np.float64
@@ -87,69 +79,40 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     if not changed.any():
         return PictureForce(0.0, 0.0)
     shadows, height, light = shadow_caster(small), np.zeros(shape), np.ones(1)
-    for _ in range(SEARCH_ROUNDS):
-        place = _places(small, height)
-        slopes = _slopes(small, np.minimum(seen / light, 1.0), changed, place)
+    for _ in range(SEARCH_ROUNDS if shadows is not None or sensor.indentation_response is None else 1):
+        place = pixel_places(small, height)
+        slopes = pixel_slopes(small, np.minimum(seen / light, 1.0), changed, place)
         height = _height(*slopes)
         height -= np.median(height[~changed]) if not changed.all() else 0.0
         if shadows is not None:
             light = np.maximum(shadows.light(np.maximum(height, 0).astype(np.float32)), LEAST_LIGHT)
+    if sensor.indentation_response is not None:
+        return _force_beside_response(seen / light, height, slopes, place, small)
     contact, level, _ = _contact(small, height, slopes, place, BORDER_LEVELS)
     if contact.reaches_border:
-        raise QueryError("picture", "its contact reaches the border", "Press nearer the middle.")
+        raise QueryError("picture", BEYOND, "Press nearer the middle.")
     if not changed.all():
         height += np.median((contact.displacement_m - height)[~changed])
     contact, _, unexplained = _contact(small, height, slopes, place, level + NEARER)
     if level == BORDER_LEVELS[0] or unexplained > UNEXPLAINED:
-        raise QueryError("picture", "its contact has steep walls or hardly shows", "Press something round.")
+        raise QueryError("picture", STEEP, "Press something round.")
     return PictureForce(contact.force_n, PICTURE_FORCE_ERROR * contact.force_n)
 
 
-def _places(sensor: Sensor, height: Floats) -> Floats:
-    """Places (3, rows, columns) where pixels see a gel that is displaced by a height map."""
-    grid = ray_grid(sensor, 1)
-    v, u = np.meshgrid(grid.v, grid.u, indexing="ij")
-    along = grid.gel_depth.reshape(height.shape) - height
-    return np.asarray(sensor.camera_position_m)[:, None, None] + along * np.stack([np.ones_like(u), u, v])
-
-
-def _slopes(sensor: Sensor, seen: Floats, changed: NDArray[np.bool_], place: Floats) -> tuple[Floats, Floats]:
-    """Rises (rows, columns) of the displacement from row to row and from column to column, by colours."""
-    at, target = place[:, changed], seen[changed]
-    gel = np.stack(gel_slopes(sensor, at[1], at[2]))
-
-    def values(which: NDArray[np.intp], slope: Floats) -> Floats:
-        normals = np.concatenate([-np.ones((1, len(which))), gel[:, which] - slope])
-        return shade(sensor, at[:, which], normals).astype(np.float64)
-
-    def response(slope: Floats) -> Floats:
-        here = values(each, slope)
-        moved = [(values(each, slope + STEP * axis[:, None]) - here) / STEP for axis in np.eye(2)]
-        return np.stack(moved, axis=-1)
-
-    def error(which: NDArray[np.intp], slope: Floats) -> tuple[Floats, Floats]:
-        off = values(which, slope) - target[which]
-        return off, np.sum(off**2, axis=1) + cost * np.sum(slope**2, axis=0)
-
-    each = np.arange(len(target))
-    best = np.zeros((2, len(target)))
-    cost = FLATTENING * np.mean(np.sum(response(best) ** 2, axis=(1, 2))) / 2
-    steps = np.tan(np.linspace(-1, 1, SLOPES) * np.arctan(STEEPEST_SLOPE))
-    candidates = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)
-    count = candidates.shape[1]
-    for part in np.array_split(np.arange(len(target)), -(-len(target) * count // AT_A_TIME)):
-        _, misfit = error(np.repeat(part, count), np.tile(candidates, len(part)))
-        best[:, part] = candidates[:, misfit.reshape(len(part), count).argmin(axis=1)]
-    for _ in range(3):  # Gauss and Newton
-        (off, misfit), slope = error(each, best), response(best)
-        steep = np.einsum("nci,ncj->nij", slope, slope) + cost * np.eye(2)
-        pull = np.einsum("nci,nc->ni", slope, off) + cost * best.T
-        nearer = best - np.clip(np.linalg.solve(steep, pull[..., None])[..., 0].T, -0.1, 0.1)
-        best = np.where(error(each, nearer)[1] < misfit, nearer, best)
-    across, up = np.zeros((2, *changed.shape))
-    across[changed], up[changed] = best
-    (y_down, y_right), (z_down, z_right) = np.gradient(place[1]), np.gradient(place[2])
-    return across * y_down + up * z_down, across * y_right + up * z_right
+def _force_beside_response(
+    seen: Floats, height: Floats, slopes: tuple[Floats, Floats], place: Floats, sensor: Sensor
+) -> PictureForce:
+    """Force of a picture whose gel beyond the contact is seen by an indentation response."""
+    gel = ray_grid(sensor, 1).gel_values.reshape(seen.shape).astype(np.float64)
+    answer = ResponseContact(np.minimum(seen, 1.0), gel, sensor).solve(height, slopes, place)
+    if answer is None:
+        raise QueryError("picture", "no round contact explains it", "Press something round, in its middle.")
+    if answer[1] > UNEXPLAINED:
+        raise QueryError("picture", STEEP, "Press something round.")
+    contact, _ = answer
+    if contact.reaches_border:
+        raise QueryError("picture", BEYOND, "Press nearer the middle.")
+    return PictureForce(contact.force_n, RESPONSE_FORCE_ERROR * contact.force_n)
 
 
 def _height(down: Floats, right: Floats) -> Floats:

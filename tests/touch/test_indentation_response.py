@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from touch_shapes import sphere
 
-from objectfolder.errors import FormatError, InputError, QueryError
+from objectfolder.errors import FormatError, InputError
 from objectfolder.surface.surface import Surface
-from objectfolder.touch import Press, Sensor, force_of, press, read_sensor
+from objectfolder.touch import Press, Sensor, press, read_sensor
 from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.indentation_response import Cells, IndentationResponse, ResponseField
@@ -87,8 +87,6 @@ def test_a_bent_gel_shows_its_bulge_by_the_response_alone() -> None:
     assert (bent.rgb[0][beside] == untouched[beside]).all()
     assert np.array_equal(bent.rgb[0][~beside], bulging.rgb[0][~beside])
     assert (bulging.rgb[0][beside] != untouched[beside]).any()
-    with pytest.raises(QueryError, match="indentation response"):
-        force_of(bent.rgb[0], sensor)
 
 
 def test_a_response_is_found_in_what_it_changes() -> None:
@@ -121,5 +119,5 @@ def test_a_response_is_stored_with_its_sensor(tmp_path: Path) -> None:
         with pytest.raises(FormatError, match="indentation response"):
             Sensor.from_dict(stored | {"indentation_response": wrong})
     for bad in (np.zeros((3, 3, 4, 4), np.float16), np.full((3, 3, 3, 3), np.inf, np.float16)):
-        with pytest.raises(ValueError, match="an indentation response"):
+        with pytest.raises(ValueError, match="indentation response"):
             IndentationResponse(bad)

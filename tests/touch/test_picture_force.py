@@ -20,6 +20,21 @@ def test_the_force_of_an_ellipsoid_is_that_of_its_picture(sensor: Sensor) -> Non
     assert 0 < touch.force_error_n[0] < 0.05 * touch.force_n[0]
 
 
+def test_a_calibrated_sensor_tells_the_force_by_the_contact_alone() -> None:
+    sensor = read_sensor("gelsight-fots").at_resolution(160, 120)
+    assert sensor.indentation_response is not None
+    vertices, faces = sphere(1.0, 4)
+    egg = Surface(vertices * [0.006, 0.004, 0.005], faces)
+    point, pin = np.array([[0.0005, 0.001, 0.005]]), Surface(*box((-0.001, -0.001, 0), (0.001, 0.001, 0.006)))
+    touch = press(egg, sensor, point, Press(force_n=0.5, roll_deg=40))
+    force, error = force_of(touch.rgb[0], sensor)
+    assert abs(force - touch.force_n[0]) < error < 0.2 * touch.force_n[0]
+    assert force_of(no_contact_image(sensor, 1), sensor) == (0.0, 0.0)
+    walls = press(pin, sensor, np.array([[0.0, 0.0, 0.006]]), Press(force_n=0.8))
+    with pytest.raises(QueryError, match=r"steep walls|no round contact"):
+        force_of(walls.rgb[0], sensor)
+
+
 def test_what_a_picture_does_not_tell_is_said() -> None:
     assert force_of(no_contact_image(DIGIT, 1), DIGIT) == (0.0, 0.0)
     pin = Surface(*box((-0.001, -0.001, 0), (0.001, 0.001, 0.006)))

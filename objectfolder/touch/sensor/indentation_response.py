@@ -6,25 +6,21 @@ adds a pattern round itself, of a strength and colour that vary linearly over th
 table has all of it, and nothing is added.
 """
 
-import base64
 from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.touch.sensor.half_float_table import HalfFloatTable
 
 CHANNELS, TERMS = 3, 3
 # Square cells of the picture: so many a height.
 ROWS = 40
 LARGEST = 65  # cells of a side of a pattern
-RESPONSE_LAYOUT = f"({CHANNELS} channels, {TERMS} terms, n, n) with n odd and at most {LARGEST}"
 
 
 @dataclass(frozen=True, eq=False)
-class IndentationResponse:
+class IndentationResponse(HalfFloatTable):
     """Patterns that an indented cell of the picture adds round itself.
 
     Parameters
@@ -40,62 +36,13 @@ class IndentationResponse:
         Another shape or type, or values that are not finite.
     """
 
-    coefficients: np.ndarray
-
-    def __post_init__(self) -> None:
-        shape = self.coefficients.shape
-        square = len(shape) == 4 and shape[2] == shape[3] <= LARGEST and shape[2] % 2 == 1
-        if not square or shape[:2] != (CHANNELS, TERMS):
-            raise ValueError(f"an indentation response has shape {shape}, expected {RESPONSE_LAYOUT}")
-        if self.coefficients.dtype != np.float16:
-            raise ValueError(f"an indentation response has type {self.coefficients.dtype}, expected float16")
-        if not np.isfinite(self.coefficients).all():
-            raise ValueError("an indentation response holds values that are not finite")
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, IndentationResponse) and self._bytes == other._bytes
-
-    def __hash__(self) -> int:
-        return hash(self._bytes)
-
-    @cached_property
-    def _bytes(self) -> tuple[tuple[int, ...], bytes]:
-        return self.coefficients.shape, self.coefficients.tobytes()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the response as JSON: shape, and little-endian half floats in base 64."""
-        packed = base64.b64encode(self.coefficients.astype("<f2").tobytes()).decode("ascii")
-        return {"shape": list(self.coefficients.shape), "float16": packed}
+    NAME: ClassVar[str] = "indentation response"
+    LAYOUT: ClassVar[str] = f"({CHANNELS} channels, {TERMS} terms, n, n) with n odd and at most {LARGEST}"
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> "IndentationResponse":
-        """Return the response that `to_dict` described.
-
-        Raises
-        ------
-        FormatError
-            Anything else.
-        """
-        try:
-            data = np.frombuffer(base64.b64decode(values["float16"], validate=True), dtype="<f2")
-            return cls(data.reshape(values["shape"]).astype(np.float16))
-        except (KeyError, TypeError, ValueError) as error:
-            raise FormatError("indentation response", f"not as it was written ({error})") from error
-
-    @classmethod
-    def read(cls, path: Path) -> "IndentationResponse":
-        """Read a response from an .npy file.
-
-        Raises
-        ------
-        InputError
-            A file that is not there, or no response.
-        """
-        try:
-            return cls(np.load(path, allow_pickle=False))
-        except (OSError, ValueError) as error:
-            remedy = f"Write an array {RESPONSE_LAYOUT} of float16 with numpy.save."
-            raise InputError(str(path), f"no indentation response ({error})", remedy) from error
+    def fits(cls, shape: tuple[int, ...]) -> bool:
+        """Whether coefficients may have this shape."""
+        return shape[:2] == (CHANNELS, TERMS) and len(shape) == 4 and _is_side(shape[2], shape[3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +104,11 @@ class ResponseField:
         kept = fields[:, self._reach : self._reach + rows, self._reach : self._reach + columns]
         wide = self._cells.up @ kept.astype(np.float32) @ self._cells.back.T
         return np.ascontiguousarray(np.moveaxis(wide, 0, -1))
+
+
+def _is_side(rows: int, columns: int) -> bool:
+    """Whether a pattern of so many cells has one in its middle, and is no larger than allowed."""
+    return rows == columns <= LARGEST and rows % 2 == 1
 
 
 def _middles(count: int) -> np.ndarray:

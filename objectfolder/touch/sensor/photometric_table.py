@@ -5,19 +5,16 @@ The photometric model of retrographic sensors (Yuan, Dong & Adelson 2017, Sensor
 place in the image. Here the table is interpolated between its nodes, so that it may be small.
 """
 
-import base64
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from objectfolder.errors import FormatError, InputError
+from objectfolder.touch.sensor.half_float_table import HalfFloatTable
 
 POLYNOMIAL_TERMS = 6
 CHANNELS = 3
-LAYOUT = f"({CHANNELS} channels, at least 2 slopes, at least 3 directions, {POLYNOMIAL_TERMS} terms)"
 
 
 def place_terms(across: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -56,7 +53,7 @@ def node_weights(
 
 
 @dataclass(frozen=True, eq=False)
-class PhotometricTable:
+class PhotometricTable(HalfFloatTable):
     """Coefficients of the polynomials, at slopes and directions.
 
     Parameters
@@ -74,39 +71,22 @@ class PhotometricTable:
         Another shape or type, values that are not finite, or that depend on the direction at slope 0.
     """
 
-    coefficients: np.ndarray
+    NAME: ClassVar[str] = "photometric table"
+    LAYOUT: ClassVar[str] = (
+        f"({CHANNELS} channels, at least 2 slopes, at least 3 directions, {POLYNOMIAL_TERMS} terms)"
+    )
+
+    @classmethod
+    def fits(cls, shape: tuple[int, ...]) -> bool:
+        """Whether coefficients may have this shape."""
+        ends = (shape[0], shape[-1]) == (CHANNELS, POLYNOMIAL_TERMS) if shape else False
+        return len(shape) == 4 and ends and shape[1] >= 2 and shape[2] >= 3
 
     def __post_init__(self) -> None:
-        shape = self.coefficients.shape
-        if (
-            len(shape) != 4
-            or shape[0] != CHANNELS
-            or shape[1] < 2
-            or shape[2] < 3
-            or shape[3] != POLYNOMIAL_TERMS
-        ):
-            raise ValueError(f"a photometric table has shape {shape}, expected {LAYOUT}")
-        if self.coefficients.dtype != np.float16:
-            raise ValueError(f"a photometric table has type {self.coefficients.dtype}, expected float16")
-        if not np.isfinite(self.coefficients).all():
-            raise ValueError("a photometric table holds values that are not finite")
+        super().__post_init__()
         flat = self.coefficients[:, 0]
         if not (flat == flat[:, :1]).all():
-            raise ValueError("a photometric table depends on the direction at slope 0")
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, PhotometricTable) and self._bytes == other._bytes
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    @cached_property
-    def _bytes(self) -> tuple[tuple[int, ...], bytes]:
-        return self.coefficients.shape, self.coefficients.tobytes()
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash(self._bytes)
+            raise ValueError(f"{self.NAME} that depends on the direction at slope 0")
 
     @cached_property
     def nodes(self) -> np.ndarray:
@@ -134,42 +114,3 @@ class PhotometricTable:
         terms = place_terms(across.astype(np.float32), up.astype(np.float32))
         values = np.einsum("nct,nt->nc", mixed.reshape(-1, CHANNELS, POLYNOMIAL_TERMS), terms)
         return np.asarray(np.clip(values, 0, 1, dtype=np.float32))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the table as JSON: shape, and little-endian half floats in base 64."""
-        packed = base64.b64encode(self.coefficients.astype("<f2").tobytes()).decode("ascii")
-        return {"shape": list(self.coefficients.shape), "float16": packed}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> "PhotometricTable":
-        """Return the table that `to_dict` described.
-
-        Raises
-        ------
-        FormatError
-            Anything else.
-        """
-        try:
-            data = np.frombuffer(base64.b64decode(values["float16"], validate=True), dtype="<f2")
-            return cls(data.reshape(values["shape"]).astype(np.float16))
-        except (KeyError, TypeError, ValueError) as error:
-            raise FormatError("photometric table", f"not as it was written ({error})") from error
-
-    @classmethod
-    def read(cls, path: Path) -> "PhotometricTable":
-        """Read a table of any floating type from an .npy file.
-
-        Raises
-        ------
-        InputError
-            A file that is not there, or no table.
-        """
-        remedy = f"Write an array {LAYOUT} with numpy.save; see PhotometricTable."
-        try:
-            stored = np.load(path, allow_pickle=False)
-            if not np.issubdtype(stored.dtype, np.floating):
-                raise ValueError(f"its type is {stored.dtype}")
-            with np.errstate(over="ignore"):
-                return cls(stored.astype(np.float16))
-        except (OSError, ValueError) as error:
-            raise InputError(str(path), f"no photometric table ({error})", remedy) from error
