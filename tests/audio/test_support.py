@@ -61,11 +61,17 @@ def test_a_support_is_heard_in_strikes_streams_and_nowhere_when_it_is_nothing(ba
     np.testing.assert_allclose(stream.block(sound.shape[1])[0], sound[0], atol=1e-5)
 
 
-def test_what_lies_decays_faster_by_one_rate(bar: ObjectFile) -> None:
+def test_what_lies_decays_faster_by_one_rate_or_by_its_radiation(bar: ObjectFile) -> None:
     points = bar.sample_contacts(1, seed=4, reachable=False)[0]
     body, lying = bar.sound._struck_body(None), bar.sound._struck_body(None, "lying")
     np.testing.assert_array_equal(lying.eigenvalues, body.eigenvalues)
-    np.testing.assert_array_equal(lying.dampings_per_s, body.dampings_per_s + LYING_PER_S)
+    radiated = body.radiation_dampings_per_s
+    radiated = np.zeros(len(body.eigenvalues)) if radiated is None else radiated
+    larger = body.dampings_per_s - radiated + np.maximum(LYING_PER_S, radiated)
+    np.testing.assert_allclose(lying.dampings_per_s, larger, rtol=1e-12)
+    few, silent = np.zeros((0, 3, 3)), np.array([0.0, 20.0, 90.0])
+    np.testing.assert_allclose(Support.lying().added(few, silent)[1], LYING_PER_S - np.array([0, 20, 58.0]))
+    np.testing.assert_allclose(Support.lying().added(few)[1], LYING_PER_S)
     both = Support(points, damping_n_s_m=3.0, rate_per_s=7.0)
     alone, shapes = Support(points, damping_n_s_m=3.0), bar.modes.gains(points)
     np.testing.assert_allclose(both.added(shapes)[1], alone.added(shapes)[1] + 7.0)

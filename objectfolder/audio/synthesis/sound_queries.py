@@ -413,7 +413,8 @@ class SoundQueries:
             held = self._gains(self.contacts.project(support.points, name="support").points)[
                 :, :, : len(eigenvalues)
             ]
-            stiffer, faster = support.added(held)
+            radiated = net.radiation_dampings_per_s
+            stiffer, faster = support.added(held, None if radiated is None else radiated[:modes])
             eigenvalues, dampings = eigenvalues + stiffer, dampings + faster
         return StruckBody(
             eigenvalues,

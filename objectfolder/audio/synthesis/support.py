@@ -42,6 +42,8 @@ class Support:
         direction alike
     rate_per_s : added to every decay rate: what a resistance in proportion to the mass does, spread over all
         of the body
+    with_air : whether that rate has the air's share in it. A mode whose radiation is known then gains only
+        what the rate is more than that
 
     Raises
     ------
@@ -62,6 +64,7 @@ class Support:
     stiffness_n_m: float | Floats = 0.0
     damping_n_s_m: float | Floats = 0.0
     rate_per_s: float = 0.0
+    with_air: bool = False
 
     def __post_init__(self) -> None:
         rate = real("rate_per_s", self.rate_per_s, 0.0, FASTEST_PER_S, " 1/s")
@@ -80,6 +83,9 @@ class Support:
     def lying(cls) -> "Support":
         """Lie on a table or in a hand, nobody knows how: every mode decays faster by `LYING_PER_S`.
 
+        That was fitted to decays which have the air's share: a mode whose radiation is solved loses the
+        larger of both beside what its material takes.
+
         Examples
         --------
         >>> import objectfolder
@@ -88,7 +94,7 @@ class Support:
         >>> bool((lying[-1000:] ** 2).sum() < (free[-1000:] ** 2).sum())
         True
         """
-        return cls(rate_per_s=LYING_PER_S)
+        return cls(rate_per_s=LYING_PER_S, with_air=True)
 
     @classmethod
     @renamed_keywords(centre="centre_m")
@@ -134,20 +140,23 @@ class Support:
     def _over(cls, points: Floats, finding: str, total: dict[str, float]) -> "Support":
         if not len(points):
             raise QueryError("support", finding, "Give a place on the surface, metres.")
-        return cls(points[:: max(1, len(points) // MOST_POINTS)], **total)
+        return cls(points[:: max(1, len(points) // MOST_POINTS)], **total)  # type: ignore[arg-type]
 
-    def added(self, shapes: Floats) -> tuple[Floats, Floats]:
+    def added(self, shapes: Floats, radiated_per_s: Floats | None = None) -> tuple[Floats, Floats]:
         """Return what eigenvalues (rad^2/s^2) and decay rates (1/s) grow by, (modes,) each.
 
         Parameters
         ----------
         shapes
             (s, 3, modes) mass-normalised mode shapes at the points, kg^-1/2.
+        radiated_per_s
+            (modes,) what radiation has of the decay rates; None where it was not solved.
         """
         squared = (shapes**2).sum(axis=1)
+        counted = radiated_per_s if self.with_air and radiated_per_s is not None else 0.0
         return (
             np.asarray(self.stiffness_n_m) @ squared,
-            np.asarray(self.damping_n_s_m) @ squared / 2 + self.rate_per_s,
+            np.asarray(self.damping_n_s_m) @ squared / 2 + np.maximum(self.rate_per_s - counted, 0.0),
         )
 
     def strength(self, shapes: Floats, eigenvalues: Floats) -> Floats:
