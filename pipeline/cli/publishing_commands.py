@@ -233,7 +233,7 @@ def play(
         end_at_once()
     check_new_file(output, overwrite=overwrite)
     with status_line(f"playing {scene}"):
-        from pipeline.publish.playing import play as played
+        from objectfolder.live.playing import play as played
 
         summary = played(scene, output, seconds, lift_m, (height, width), seed, simulator)
     print_result(summary, json=json)

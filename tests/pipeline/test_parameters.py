@@ -7,10 +7,10 @@ import pytest
 import yaml
 from toys import REPOSITORY
 
+from docs.parameter_table import page, parameters
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import FOLDER, read_sensor
-from pipeline.dataset.parameter_table import page, parameters
 from pipeline.dataset.parameters import CommonParameters, SizeParameters, read_parameters
 from pipeline.dataset.selection import select
 
@@ -118,7 +118,7 @@ def test_depths_are_in_order_and_within_the_sensor(tmp_path):
 
 
 def test_the_page_of_parameters_is_that_of_the_code():
-    """Write it again: python -m pipeline.dataset.parameter_table > docs/parameters.md."""
+    """Write it again: python -m docs.parameter_table > docs/parameters.md."""
     assert (REPOSITORY / "docs/parameters.md").read_text() == page()
 
 

@@ -20,8 +20,8 @@ import numpy as np
 from objectfolder.errors import ObjectFolderError, QueryError
 from objectfolder.live import Felt, Finger, LiveSound, LiveTouch
 from objectfolder.live.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
+from objectfolder.live.opened_scene import OpenedScene, camera_over, surrounded
 from objectfolder.live.sound import BLOCK_SAMPLES, SAMPLE_RATE_HZ
-from pipeline.publish.opened_scene import OpenedScene, camera_over, surrounded
 from pipeline.publish.viewer.live_queries import Answer, number_of, numbers_of
 
 BLOCK_S = BLOCK_SAMPLES / SAMPLE_RATE_HZ

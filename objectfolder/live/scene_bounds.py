@@ -6,15 +6,15 @@ from xml.etree import ElementTree
 
 from objectfolder.errors import InputError
 
-MOST_ELEMENTS = 20_000  # with those that are written once and come many times
-MOST_VALUES = 1 << 24  # texels of a texture, heights of a field
+MOST_SCENE_ELEMENTS = 20_000  # with those that are written once and come many times
+MOST_GRID_VALUES = 1 << 24  # texels of a texture, heights of a field
 MOST_TEXT_BYTES, MOST_FILE_BYTES, MOST_FILES = 8 << 20, 128 << 20, 1000
 DEEPEST = 60
 FILES_OF_MJCF = ("include", "model")
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 GRIDS = (("nrow", "ncol"), ("width", "height"), ("gridsize",), ("resolution",))
 REPEATED = ("replicate", "composite", "flexcomp")
-REMEDY = "Look at who made the scene, or make one: objectfolder scene."
+SCENE_REMEDY = "Look at who made the scene, or make one: objectfolder scene."
 
 
 def check_scene(scene: Path) -> None:
@@ -27,7 +27,7 @@ def check_scene(scene: Path) -> None:
         grid, bytes or files; a name of what is no file; a plugin.
     """
     if not scene.is_file():
-        raise InputError(str(scene), "no scene: there is no such file", REMEDY)
+        raise InputError(str(scene), "no scene: there is no such file", SCENE_REMEDY)
     _Scan(scene).elements(scene)
 
 
@@ -85,15 +85,15 @@ class _Scan:
         model = {"attach": element.get("model", ""), "include": element.get("file", "")}.get(element.tag, "")
         inside = sum(self._count(part, models, depth + 1) for part in element)
         count = max(1, times) * (1 + models.get(model, 0) + inside)
-        if count > MOST_ELEMENTS:
-            raise self._error(f"becomes more than {MOST_ELEMENTS} elements at <{element.tag}>")
+        if count > MOST_SCENE_ELEMENTS:
+            raise self._error(f"becomes more than {MOST_SCENE_ELEMENTS} elements at <{element.tag}>")
         return count
 
     def _check_grid(self, element: ElementTree.Element) -> None:
         for names in GRIDS:
             values = math.prod(number for name in names for number in _whole_numbers(element.get(name, "")))
-            if values > MOST_VALUES:
-                raise self._error(f"<{element.tag}> has {values} values, more than {MOST_VALUES}")
+            if values > MOST_GRID_VALUES:
+                raise self._error(f"<{element.tag}> has {values} values, more than {MOST_GRID_VALUES}")
 
     def _check_file(self, path: Path, most: int = MOST_FILE_BYTES) -> None:
         if not path.is_file():  # a device has no end
@@ -102,7 +102,7 @@ class _Scan:
             raise self._error(f"names {path} of {path.stat().st_size} bytes, more than {most}")
 
     def _error(self, finding: str) -> InputError:
-        return InputError(str(self._scene), finding, REMEDY)
+        return InputError(str(self._scene), finding, SCENE_REMEDY)
 
 
 def _whole_numbers(text: str) -> list[int]:

@@ -1,4 +1,4 @@
-"""All parameters as a page: ``python -m pipeline.dataset.parameter_table > docs/parameters.md``."""
+"""All parameters as a page: ``python -m docs.parameter_table > docs/parameters.md``."""
 
 import dataclasses
 import typing
@@ -14,7 +14,7 @@ HEAD = """# Parameters
 key, a value of another type and a number out of its range are refused with key, value and range, also in a
 size that is not selected. Sections below `sizes.NAME` stand once for each size.
 
-This page is written from the code: `python -m pipeline.dataset.parameter_table > docs/parameters.md`.
+This page is written from the code: `python -m docs.parameter_table > docs/parameters.md`.
 
 | parameter | type | range | what it is |
 |---|---|---|---|

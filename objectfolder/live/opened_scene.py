@@ -1,6 +1,7 @@
 """A scene of MuJoCo with the Object Files beside it."""
 
 import contextlib
+import re
 import resource
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,18 +14,18 @@ from objectfolder import load
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import Posed
+from objectfolder.live.scene_bounds import check_scene
 from objectfolder.live.scene_view import moved_by
 from objectfolder.live.sight import LiveSight
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 from objectfolder.vision.lamps import Lamps
-from pipeline.dataset.records import SAFE_ID
-from pipeline.publish.scene_bounds import check_scene
 
 VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
 # Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
 LAMP, ENVIRONMENT = "lamp", "environment"
 SHORTEST_STEP_S, LONGEST_STEP_S = 1e-5, 0.1
+FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")  # of an Object File, without its suffix
 MOST_MEMORY_BYTES = 2 << 30  # that MuJoCo may take for a scene
 
 
@@ -51,7 +52,7 @@ class OpenedScene:
         Raises
         ------
         InputError
-            No scene of MuJoCo, or one that asks for too much (`pipeline.publish.scene_bounds`); no object in
+            No scene of MuJoCo, or one that asks for too much (`objectfolder.live.scene_bounds`); no object in
             it, an object without its file.
         MissingPackageError
             MuJoCo is not installed.
@@ -140,7 +141,7 @@ def _files(scene: Path, model: Any) -> dict[str, ObjectFile]:
         body = model.body(number).name
         name = body.partition("_")[2]
         path = scene.parent / name / f"{name}.safetensors"
-        if not SAFE_ID.fullmatch(name) or not path.is_file():
+        if not FILE_NAME.fullmatch(name) or not path.is_file():
             remedy = f"Put its Object File there: {path}."
             raise InputError(str(scene), f"body {body!r} has no Object File beside the scene", remedy)
         files[body] = load(path)
