@@ -5,6 +5,7 @@ Dask runs the code of whoever connects, so who holds the certificate's key may r
 
 import os
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -15,6 +16,7 @@ from pipeline.cluster.places import SSH, Place
 FILE = "OBJECTFOLDER_TLS"
 LOOPBACK = ("localhost", "::1")
 ROLES = ("scheduler", "worker", "client")
+VALID = timedelta(days=365 * 20)
 FIELDS = ("tls_ca_file", *(f"tls_{role}_{part}" for role in ROLES for part in ("cert", "key")))
 MAKE = (
     "Make it with: umask 077; openssl req -x509 -newkey rsa:2048 -nodes -days 3650 -subj /CN=objectfolder "
@@ -42,7 +44,33 @@ def security(place: Place, root: Path) -> Any:
     if place.address or place.starts == SSH:
         finding = "the machines share no certificate"
         raise InputError("tls", finding, f"Name its file in the place, or in {FILE}. {MAKE}")
-    return Security.temporary()
+    certificate, key = _certificate()
+    of_roles = {
+        f"tls_{role}_{part}": text for role in ROLES for part, text in (("cert", certificate), ("key", key))
+    }
+    return Security(require_encryption=True, tls_ca_file=certificate, **of_roles)
+
+
+def _certificate() -> tuple[str, str]:
+    """Return a certificate for one run and its key, as PEM.
+
+    It is valid for decades around now, unlike that of `distributed.Security.temporary`: clocks of hosts
+    differ, and jump. It ends with the run, whose processes alone have it.
+    """
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "objectfolder")])
+    now = datetime.now(tz=UTC)
+    certificate = x509.CertificateBuilder(
+        subject_name=name, issuer_name=name, public_key=key.public_key(),
+        serial_number=x509.random_serial_number(), not_valid_before=now - VALID, not_valid_after=now + VALID,
+    ).sign(key, hashes.SHA256())  # fmt: skip
+    pem = serialization.Encoding.PEM
+    plain = serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    return certificate.public_bytes(pem).decode(), key.private_bytes(pem, *plain).decode()
 
 
 def security_of_file(file: Path) -> Any:

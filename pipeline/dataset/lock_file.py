@@ -17,7 +17,7 @@ from objectfolder.errors import FormatError
 LOCK = "dvc.lock"
 DIRECTORY = ".dir"
 RESTORE = "Restore it from git, or run `dvc repro`."
-MD5 = re.compile(r"[0-9a-f]{32}(\.dir)?")
+MD5 = re.compile(r"\b[0-9a-f]{32}\b(\.dir)?")
 
 
 @dataclass(frozen=True)

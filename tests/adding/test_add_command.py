@@ -141,6 +141,7 @@ def test_a_dry_run_writes_nothing(tmp_path, capsys):
         (("--id", "../up"), 2, "cannot be a file name"),
         (("--texture", "absent.png"), 2, "absent.png"),
         (("--name", "a\nb"), 2, "do not print"),
+        (("--name", "caf\udcc3\udca9"), 2, "Set PYTHONUTF8=1"),
     ],
 )
 def test_what_cannot_be_made_is_refused_before_anything_is_written(tmp_path, capsys, options, status, remedy):

@@ -1,8 +1,10 @@
 """Who does not hold the certificate is not spoken to; nobody but the owner may use it."""
 
 import asyncio
+from datetime import UTC, datetime, timedelta
 
 import pytest
+from cryptography import x509
 from processes import make_certificate
 
 from objectfolder.errors import InputError
@@ -20,6 +22,9 @@ def test_a_place_gets_a_certificate_of_its_own_or_the_file_that_all_have(certifi
     (first, second) = (tls.security(Place(), tmp_path) for _ in range(2))
     assert first.tls_client_key.startswith("-----BEGIN")
     assert first.tls_client_key != second.tls_client_key
+    loaded = x509.load_pem_x509_certificate(first.tls_worker_cert.encode())
+    now, decade = datetime.now(tz=UTC), timedelta(days=3650)  # clocks of hosts differ, and jump
+    assert loaded.not_valid_before_utc < now - decade < now + decade < loaded.not_valid_after_utc
     assert tls.security(Place(tls=False), tmp_path) is None
     assert tls.security(Place(address="tcp://a:1"), tmp_path) is None
     assert tls.security(Place(tls="tls.pem"), tmp_path).tls_worker_key == str(certificate)

@@ -194,6 +194,9 @@ def _row(request: AddRequest, object_id: str, material: str, licence: str) -> di
         value = getattr(request, column)
         row[column] = "" if value is None else repr(value)
     for column, text in row.items():
+        if any("\udc80" <= letter <= "\udcff" for letter in text):
+            finding = f"{text!r} was typed in another encoding than Python takes from the locale"
+            raise InputError(f"--{column}", finding, "Set PYTHONUTF8=1, or LC_ALL=C.UTF-8")
         if not text.isprintable():
             raise InputError(f"--{column}", f"{text!r} holds characters that do not print", "Leave them out")
     return row
