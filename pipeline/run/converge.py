@@ -23,6 +23,7 @@ from pipeline.run.costs import add_costs
 from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
 from pipeline.run.run_record import RunRecord
+from pipeline.sandbox import scratch
 from pipeline.store import shared
 from pipeline.store.storage import disk_error
 
@@ -109,6 +110,8 @@ def converge(
             verified.save_code()  # children read it, too
             if jobs:
                 _run(jobs, flow, root, runner_for, record, progress)
+            else:
+                scratch.sweep()  # else done by who runs jobs
         finally:
             progress.close()
             _sweep(stages, root)

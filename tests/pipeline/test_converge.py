@@ -1,6 +1,7 @@
 """The scenarios of a stage that converges, executions counted."""
 
 import errno
+import socket
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from objectfolder.products.store import read_attributes
 from objectfolder.products.tensor_file import read_metadata
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.products import read_fingerprint
+from pipeline.sandbox import scratch
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
 
@@ -184,3 +186,13 @@ def test_fingerprint_is_independent_of_place(toys):
     toys.rows["cup"]["mesh"] = moved
     toys.converge()
     assert read_fingerprint(INGESTED.path(toys.root, "cup")) == first
+
+
+def test_a_run_with_nothing_to_do_removes_what_dead_ones_left(toys, tmp_path, monkeypatch):
+    monkeypatch.setattr(scratch, "home", lambda: tmp_path / "home")
+    toys.add("cup")
+    toys.converge()
+    left = tmp_path / "home" / scratch.SEPARATOR.join([socket.gethostname(), str(2**22), "1.00", "task-a"])
+    left.mkdir(parents=True)
+    toys.converge()
+    assert not left.exists()
