@@ -87,21 +87,30 @@ def test_the_players_studios_are_the_packages():
     assert {name: tuple(map(tuple, lamps)) for name, lamps in json.loads(stated[1]).items()} == STUDIOS
 
 
-def test_colours_are_those_that_the_export_gives_at_vertices_and_in_the_middle_of_edges(small_file):
+def test_colours_are_those_that_the_export_gives_in_the_middle_of_faces(small_file):
     file = objectfolder.load(small_file)
-    faces = file.surface.faces
-    colours = surface_colours(file).astype(float)
-    edges: dict[tuple[int, int], tuple[int, int]] = {}
-    for face, corners in enumerate(faces.tolist()):
-        for corner in range(3):
-            a, b = corners[corner], corners[(corner + 1) % 3]
-            edges.setdefault((min(a, b), max(a, b)), (face, corner))
-    assert len(colours) == len(file.surface.vertices) + len(edges)
-    face, corner = np.array(list(edges.values())).T
-    middles = (np.eye(3) + np.roll(np.eye(3), 1, axis=1)) / 2
+    stored = surface_colours(file)
+    colours = np.cumsum(stored["colours"], axis=0, dtype=np.uint8).astype(float)
+    first, columns, rows = stored["grids"].T
+    places = (columns + 1) * (rows + 1)
+    assert len(colours) == places.sum()
+    # The page's: bilinear between four places of a face.
+    x, y = columns / 3, rows / 3
+    i, j = np.minimum(x.astype(int), columns - 1), np.minimum(y.astype(int), rows - 1)
+    at = np.cumsum(places) - places + j * (columns + 1) + i
+    right, down = (x - i)[:, None], (y - j)[:, None]
+    above = colours[at] * (1 - right) + colours[at + 1] * right
+    under = colours[at + columns + 1] * (1 - right) + colours[at + columns + 2] * right
+    face = np.arange(len(first))
+    middle = np.full((len(first), 3), 1 / 3)
     metallic = file.description["material"]["metallic"]
-    exported = network_colour(file.vision, file.surface, file.frame, face, middles[corner], metallic)
-    difference = np.abs(colours[len(file.surface.vertices) :] - 255 * exported[:, :3])
+    exported = network_colour(file.vision, file.surface, file.frame, face, middle, metallic)
+    difference = np.abs(above * (1 - down) + under * down - 255 * exported[:, :3])
     # Four directions of light in place of 24, in levels of 255.
     assert np.median(difference) < 4
     assert np.ptp(255 * exported[:, :3], axis=0).max() > 40
+
+
+def test_colours_of_many_faces_are_those_of_their_corners(monkeypatch, small_file):
+    monkeypatch.setattr("pipeline.publish.viewer.bake.MOST_COLOURS", 10)
+    assert (surface_colours(objectfolder.load(small_file))["grids"][:, 1:] == 1).all()

@@ -40,11 +40,13 @@ class FaceLattice:
         Neighbouring places lie at most this far apart; cubes have this side. Unit-frame lengths.
     shared
         Whether places of a cube share a value.
+    most
+        Places; `MOST_PLACES` at most where shared.
 
     Raises
     ------
     FormatError
-        More than `MOST_PLACES` places.
+        More places.
 
     Examples
     --------
@@ -55,7 +57,9 @@ class FaceLattice:
     array([[0.4, 0.1]])
     """
 
-    def __init__(self, triangles: np.ndarray, pitch: float, *, shared: bool = True) -> None:
+    def __init__(
+        self, triangles: np.ndarray, pitch: float, *, shared: bool = True, most: int = MOST_PLACES
+    ) -> None:
         self._triangles, self._pitch, self._shared = triangles, pitch, shared
         x, y, z = np.moveaxis(np.roll(triangles, -1, axis=1) - triangles, 2, 0)
         edges = np.sqrt(x * x + y * y + z * z)
@@ -67,8 +71,8 @@ class FaceLattice:
         self._columns, self._rows = steps.astype(np.int64).T
         self._counts = (self._columns + 1) * (self._rows + 1)
         self._size = int(self._counts.sum())
-        if self._size > MOST_PLACES:
-            raise FormatError("vision", f"{self._size} places on faces, more than {MOST_PLACES}")
+        if self._size > most:
+            raise FormatError("vision", f"{self._size} places on faces, more than {most}")
         self._start = np.cumsum(self._counts) - self._counts
 
     def places(self, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

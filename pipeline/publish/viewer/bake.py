@@ -1,21 +1,24 @@
 """The data of an Object File for a page without a server, in few bytes.
 
 The surface is stored exactly (its own grid of steps), with the colour that the VisionNet's reflectance
-amounts to at each vertex and in the middle of each edge. Sound is stored as what AudioNet answers at some
-hundred places, drawn uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's.
+amounts to on a lattice of its faces. Sound is stored as what AudioNet answers at some hundred places, drawn
+uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's.
 """
 
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from objectfolder.audio.audionet.audionet import AudioNet, control_barycentric
+from objectfolder.errors import FormatError
 from objectfolder.object_file import ObjectFile
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
+from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.studio import STUDIOS
 from pipeline.publish.viewer import FORMAT
 
@@ -25,6 +28,9 @@ LEAST_PLACES, MOST_PLACES = 200, 500
 GAIN_STEPS = 127
 # An export has 24, for it is lit anew elsewhere. With these, colours differ by less than shadows do.
 LIGHT_DIRECTIONS = 4
+# Between places of colours, unit-frame lengths: the finest that has no more places.
+PITCHES = tuple(1 / count for count in (256, 192, 128, 96, 64, 32))
+MOST_COLOURS = 150_000
 USUAL_IMPULSE_N_S = 0.05
 PEAK_OF_FULL_SCALE = 0.33
 ARRAY_NAMES = {"int8": "Int8Array", "uint8": "Uint8Array", "int16": "Int16Array", "int32": "Int32Array"}
@@ -43,7 +49,7 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     grid = np.rint((surface.vertices - origin) / step).astype(np.int64)
     arrays["positions"] = np.diff(grid, axis=0, prepend=0).astype(np.int32)
     arrays["faces"] = np.diff(surface.faces.ravel(), prepend=0).astype(np.int32)
-    arrays["colours"] = surface_colours(file)
+    arrays |= surface_colours(file)
     sound, of_sound = baked_sound(file.modes, surface)
     arrays |= of_sound
     described, data = packed(arrays)
@@ -87,28 +93,41 @@ def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict
     }
 
 
-def surface_colours(file: ObjectFile) -> np.ndarray:
-    """Return (vertices + edges, 3) uint8 sRGB at the vertices and in the middle of the edges.
+def surface_colours(file: ObjectFile) -> dict[str, np.ndarray]:
+    """Return colours on a lattice of the faces, and where its places lie.
 
-    It is the share of light from all directions that leaves along the normal, by the VisionNet, without what
-    a clear coat reflects.
+    A colour is what the file states, or the share of light from all directions that leaves along the normal,
+    by the VisionNet, without what a clear coat reflects.
+
+    Returns
+    -------
+    dict
+        ``colours`` (p, 3) uint8 sRGB, each less the one before; ``grids`` (F, 3) int32 first corner of each
+        face and steps along two edges, as of `FaceLattice.grids`.
     """
-    faces = file.surface.faces
-    sides = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    code = np.sort(sides, axis=1) @ np.array([faces.max() + 1, 1])
-    _, first = np.unique(code, return_index=True)
-    edge_face, edge_corner = np.divmod(np.sort(first), 3)
-    corners = np.zeros(len(file.surface.vertices), dtype=np.int64)
-    corners[faces.ravel()] = np.arange(faces.size)
-    vertex_face, vertex_corner = np.divmod(corners, 3)
-    middles = (np.eye(3) + np.roll(np.eye(3), 1, axis=1)) / 2
-    face = np.concatenate([vertex_face, edge_face])
-    barycentric = np.concatenate([np.eye(3)[vertex_corner], middles[edge_corner]])
+    lattice = _lattice(file.frame.to_unit(file.surface.vertices)[file.surface.faces])
+    face, barycentric = lattice.places(np.zeros((1, 2)))
     metallic = float((file.description["material"] or {}).get("metallic", 0.0))
     colours = network_colour(
         file.vision, file.surface, file.frame, face, barycentric, metallic, LIGHT_DIRECTIONS
     )
-    return np.asarray(np.rint(colours[:, :3] * 255), dtype=np.uint8)
+    levels = np.rint(colours[:, :3] * 255).astype(np.uint8)
+    corners, columns, rows, _ = lattice.grids
+    return {
+        "colours": np.diff(levels, axis=0, prepend=np.zeros((1, 3), dtype=np.uint8)),
+        "grids": np.stack([corners[:, 0], columns, rows], axis=1).astype(np.int32),
+    }
+
+
+def _lattice(triangles: np.ndarray) -> FaceLattice:
+    """Return the finest lattice of `PITCHES` that has room, on triangles of the unit frame.
+
+    Of more faces than that the corners alone have colours.
+    """
+    for pitch in PITCHES:
+        with suppress(FormatError):
+            return FaceLattice(triangles, pitch, shared=False, most=MOST_COLOURS)
+    return FaceLattice(triangles, np.inf, shared=False, most=4 * len(triangles))
 
 
 def brightness(file: ObjectFile, studio: str) -> float:

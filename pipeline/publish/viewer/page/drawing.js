@@ -1,13 +1,13 @@
 // The surface drawn by WebGL: colours of the surface in a studio, or under the one lamp of the data set, on white.
 "use strict";
 (function (viewer) {
-  const { dot, plus, times } = viewer.algebra;
+  const { dot, times } = viewer.algebra;
 
   const VERTEX = `#version 300 es
-    in vec3 position; in vec3 normal; in vec3 colour;
+    in vec3 position; in vec3 normal; in vec2 steps; in vec3 grid;
     uniform mat4 projection;
-    out vec3 place; out vec3 facing; out vec3 base;
-    void main() { place = position; facing = normal; base = colour; gl_Position = projection * vec4(position, 1.0); }`;
+    out vec3 place; out vec3 facing; out vec2 at; flat out ivec3 cells;
+    void main() { place = position; facing = normal; at = steps; cells = ivec3(grid); gl_Position = projection * vec4(position, 1.0); }`;
   // Directions in the camera's axes (right, up, towards it), distance and powers of `objectfolder.vision.studio`,
   // whose sky is even here.
   const STUDIOS = {
@@ -15,14 +15,22 @@
     "window": [[-1.0, 0.1, 0.1, 0.35], [-1.0, 0.1, 0.8, 0.35], [-1.0, 0.7, 0.1, 0.35], [-1.0, 0.7, 0.8, 0.35]]
   };
   const [MOST_LAMPS, NEARLY_WHITE, DISPLAY_GAMMA] = [4, 250, 2.2];
+  const WIDTH = 2048; // of the texture of colours
   const [RADIUS, SKY, LEVEL, SHARE] = [3, 0.2, 0.79, 0.95];
   // Radiance = scale * (power * cos / d^2 of each lamp + sky) * colour; no shadows.
   const FRAGMENT = `#version 300 es
     precision highp float;
-    in vec3 place; in vec3 facing; in vec3 base;
+    in vec3 place; in vec3 facing; in vec2 at; flat in ivec3 cells;
+    uniform sampler2D colours;
     uniform vec4 lamps[${MOST_LAMPS}]; uniform vec3 eye; uniform float scale; uniform float sky;
     out vec4 pixel;
+    vec3 colour(int place) { return texelFetch(colours, ivec2(place % ${WIDTH}, place / ${WIDTH}), 0).rgb; }
     void main() {
+      // Bilinear on the face's grid: its first place, and steps along two edges.
+      ivec2 cell = clamp(ivec2(at), ivec2(0), cells.yz - 1);
+      vec2 over = clamp(at - vec2(cell), 0.0, 1.0);
+      int first = cells.x + cell.y * (cells.y + 1) + cell.x, below = first + cells.y + 1;
+      vec3 base = mix(mix(colour(first), colour(first + 1), over.x), mix(colour(below), colour(below + 1), over.x), over.y);
       vec3 toEye = normalize(eye - place);
       vec3 n = normalize(facing);
       if (dot(n, toEye) < 0.0) n = -n;
@@ -39,39 +47,38 @@
 
   const linear = (value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4);
 
-  // Each face as four, by the middles of its edges, which have colours of their own after the vertices'.
-  function refined(surface, colours, { centre, scale }) {
-    const { faces, vertices, cornerNormals } = surface;
-    const decoded = Float32Array.from({ length: 256 }, (_, byte) => linear(byte / 255));
-    const vertexCount = vertices.length / 3;
-    const edges = new Map();
-    const parts = { position: new Float32Array(12 * faces.length), normal: new Float32Array(12 * faces.length), colour: new Float32Array(12 * faces.length) };
-    let written = 0;
-    const write = ([position, normal, at]) => {
-      for (let axis = 0; axis < 3; axis += 1) {
-        parts.position[written] = (position[axis] - centre[axis]) / scale;
-        parts.normal[written] = normal[axis];
-        parts.colour[written] = decoded[colours[3 * at + axis]];
-        written += 1;
-      }
+  // Corners of all faces, and of each face the grid of its colours.
+  function drawn(surface, grids, { centre, scale }) {
+    const { faces, cornerNormals } = surface;
+    const parts = {
+      position: new Float32Array(3 * faces.length),
+      normal: cornerNormals,
+      steps: new Float32Array(2 * faces.length),
+      grid: new Float32Array(3 * faces.length),
     };
+    let start = 0;
     for (let face = 0; face < faces.length; face += 3) {
-      const corners = [0, 1, 2].map((corner) => {
-        const vertex = faces[face + corner];
-        const normal = [0, 1, 2].map((axis) => cornerNormals[3 * (face + corner) + axis]);
-        return [surface.vertex(vertex), normal, vertex];
-      });
-      const middles = [0, 1, 2].map((corner) => {
-        const [a, b] = [corners[corner], corners[(corner + 1) % 3]];
-        const key = Math.min(a[2], b[2]) * vertexCount + Math.max(a[2], b[2]);
-        if (!edges.has(key)) edges.set(key, vertexCount + edges.size);
-        return [times(plus(a[0], b[0]), 0.5), times(plus(a[1], b[1]), 0.5), edges.get(key)];
-      });
-      const [a, b, c] = corners;
-      const [ab, bc, ca] = middles;
-      for (const corner of [a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca]) write(corner);
+      const [first, columns, rows] = grids.subarray(face, face + 3);
+      for (let corner = 0; corner < 3; corner += 1) {
+        const position = surface.vertex(faces[face + corner]).map((value, axis) => (value - centre[axis]) / scale);
+        parts.position.set(position, 3 * (face + corner));
+        parts.grid.set([start, columns, rows], 3 * (face + corner));
+      }
+      parts.steps[2 * (face + ((first + 1) % 3))] = columns;
+      parts.steps[2 * (face + ((first + 2) % 3)) + 1] = rows;
+      start += (columns + 1) * (rows + 1);
     }
     return parts;
+  }
+
+  function texture(gl, colours) {
+    const height = Math.ceil(colours.length / 3 / WIDTH);
+    const texels = new Uint8Array(3 * WIDTH * height);
+    texels.set(colours);
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8, WIDTH, height, 0, gl.RGB, gl.UNSIGNED_BYTE, texels);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
   }
 
   // Linear colour of which `SHARE` of the places are darker.
@@ -81,7 +88,7 @@
   }
 
   class Drawing {
-    constructor(canvas, surface, colours, header) {
+    constructor(canvas, surface, { colours, grids }, header) {
       const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, preserveDrawingBuffer: true });
       if (!gl) throw new Error("This browser has no WebGL 2, which draws the surface.");
       this.canvas = canvas;
@@ -91,14 +98,15 @@
       this.bright = Math.max(brightest(colours), 1e-3);
       [this.wanted, this.factors] = [header.brightness, {}];
       this.program = linked(gl);
-      const attributes = refined(surface, colours, this.frame);
-      this.count = attributes.position.length / 3;
+      const attributes = drawn(surface, grids, this.frame);
+      this.count = surface.faces.length;
+      texture(gl, colours);
       for (const [name, values] of Object.entries(attributes)) {
         const place = gl.getAttribLocation(this.program, name);
         gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
         gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
         gl.enableVertexAttribArray(place);
-        gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+        gl.vertexAttribPointer(place, name === "steps" ? 2 : 3, gl.FLOAT, false, 0, 0);
       }
       gl.enable(gl.DEPTH_TEST);
       gl.clearColor(1, 1, 1, 1);

@@ -35,6 +35,7 @@
     }
     integrated(arrays.positions, 3);
     integrated(arrays.faces, 1);
+    integrated(arrays.colours, 3);
     return arrays;
   }
 

@@ -31,7 +31,7 @@
     }
 
     attach(canvas) {
-      this.drawing = new viewer.Drawing(canvas, this.surface, this.arrays.colours, this.header);
+      this.drawing = new viewer.Drawing(canvas, this.surface, this.arrays, this.header);
     }
 
     draw(orbit, _moving, shown) {
