@@ -283,6 +283,8 @@ def test_a_slider_chooses_the_query_by_keyboard(reports: Path, open_page: Callab
     for sense, count in (("view", 8), ("touch", 6)):
         shown = f"[data-sense={sense}] .query:not([hidden])"
         assert page.locator(shown).count() == 1
+        assert page.get_attribute(f"#{sense}-query", "aria-valuetext") == f"{count // 2} of {count}"
+        page.click(f"[data-sense={sense}] .worst")
         assert page.get_attribute(shown, "data-place") == "worst"
         page.focus(f"#{sense}-query")
         page.keyboard.press("ArrowRight")
@@ -305,6 +307,7 @@ def test_every_query_is_there_and_what_is_not_stored_alone_comes_from_the_sheet(
         drawn = Image.open(io.BytesIO(product[f"{name}_sheet"].tobytes())).convert("RGB")
         height, width = product[f"{name}_truth"].shape[1:3]
         page.focus(f"#{sense}-query")
+        page.keyboard.press("Home")
         for rank in range(len(scores)):
             if rank in ranks:
                 row = int(np.argsort(scores)[rank])
@@ -333,6 +336,7 @@ def test_the_difference_is_that_of_the_stored_pictures(reports: Path, open_page:
     for sense, name in (("view", "vision"), ("touch", "touch")):
         difference = product[f"{name}_answer"].astype(int) - product[f"{name}_truth"]
         canvas = f"[data-sense={sense}] .query:not([hidden]) canvas"
+        page.click(f"[data-sense={sense}] .worst")
         page.wait_for_selector(f"{canvas}[data-factor='8']")
         assert np.array_equal(pixels(page, canvas), np.clip(128 + 8 * difference[0], 0, 255))
         page.select_option(f"[data-sense={sense}] select", "2")
@@ -346,6 +350,7 @@ def test_every_held_out_strike_sounds_as_its_modes_do(reports: Path, open_page: 
     slider = page.locator("#strike-query")
     assert slider.get_attribute("max") == str(HELD_OUT_STRIKES)
     query = "document.querySelector('.query.strikes')"
+    page.click("[data-sense=strike] .worst")
     until(page, f"{query}.dataset.drawn === '0'")
     fidelity = read_product(reports.parent / "data" / "fidelity" / "mug.zarr.zip")
     modes = read_product(reports.parent / "data" / "modes" / "mug.zarr.zip")

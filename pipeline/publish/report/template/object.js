@@ -177,10 +177,14 @@
     const slider = sense.querySelector(".choose input");
     if (!slider) continue;
     addFactors(sense);
-    slider.value = "1";
+    slider.value = slider.defaultValue; // the median
     slider.addEventListener("input", () => {
       stopAll();
       show(sense);
+    });
+    sense.querySelector(".choose .worst").addEventListener("click", () => {
+      slider.value = "1";
+      slider.dispatchEvent(new Event("input"));
     });
     for (const audio of sense.querySelectorAll("audio")) addPlayer(audio.closest("figure"));
     show(sense);
