@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from trimesh.creation import icosphere
 
-from bench.reality.row import Row
+from bench.reality.row import Aim, Row
 from bench.record import cpu_seconds
 from objectfolder.surface.surface import Surface
 from objectfolder.touch import Elastomer, Press, press, read_sensor, solve_contact, solve_shear, unsheared
@@ -22,6 +22,8 @@ FEATS = (
 # the ball's 21 photographs have it in the median.
 MARKER_CENTRE, PIXELS_A_MM = (141.0, 121.0), 19.58
 MARKER_BALL_MM, MARKER_CONTACT_M = 4.70, 41 / 19.58e3
+PRESS_STEP_M = 5e-5
+PIXEL_UM = 51.0  # in which shifts are measured
 FOTS = "github.com/Rancho-zhao/FOTS at 5bcde04 (MIT)"
 
 
@@ -50,6 +52,7 @@ def force_rows(measured: Path) -> list[Row]:
         held_out="1 and 1.5 mm",
         source=FEATS,
         cpu_s=cpu_seconds() - start,
+        aims=(Aim("worst held out", most=3.0),),
     )
     return [row]
 
@@ -74,11 +77,13 @@ def marker_rows(measured: Path) -> list[Row]:
     radius = MARKER_BALL_MM * 5e-4
     gap = np.where(square < radius**2, radius - np.sqrt(np.maximum(radius**2 - square, 0.0)), np.inf)
     state = unsheared(gap.shape)
-    for depth in np.arange(1, 30) * 5e-5:
+    for depth in np.arange(1, round(sensor.gel_thickness_m / PRESS_STEP_M)) * PRESS_STEP_M:
         contact = solve_contact(gap, x[1] - x[0], gel, indentation_m=depth)
         state = solve_shear(contact, gel, 1.0, (0.0, 0.0), before=state, tolerance=1e-3)
         if contact.contact_area_m2 > np.pi * MARKER_CONTACT_M**2:
             break
+    else:
+        raise RuntimeError("the ball's contact is not as wide as measured at any depth of the gel")
     slipping = solve_shear(contact, gel, 0.0, (0.0, 0.0))
     nearer = contact.displacement_m[48, 48:]
     perspective = x[48:] * nearer / (sensor.gel_apex_m[0] - nearer)
@@ -89,15 +94,17 @@ def marker_rows(measured: Path) -> list[Row]:
         for friction, shear in (("no friction", slipping), ("friction 1", state)):
             along = np.interp(distance[ring] * 1e-3, x[48:], shear.displacement_m[1, 48, 48:] + perspective)
             figures[f"{name}, {friction}"] = 1e6 * float(along.mean())
+        figures[f"{name}, off"] = figures[f"{name}, friction 1"] - figures[f"{name}, measured"]
     row = Row(
         sense="touch",
         thing="markers of a GelSight",
         quantity="outward shift under a ball of 4.7 mm, micrometres",
         figures=figures,
-        repeatability="whole pixels, 51 micrometres",
+        repeatability=f"whole pixels, {PIXEL_UM:g} micrometres",
         fitted="depth, to the width of the contact",
         held_out="all shifts; indicative, as the force is not known",
         source=FOTS,
         cpu_s=cpu_seconds() - start,
+        aims=tuple(Aim(f"{name}, off", most=PIXEL_UM) for name in ("inside", "at the rim", "outside")),
     )
     return [row]

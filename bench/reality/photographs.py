@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 from trimesh.creation import icosphere
 
-from bench.reality.row import Row
+from bench.reality.row import Aim, Row
 from bench.record import cpu_seconds
 from objectfolder.surface.surface import Surface
 from objectfolder.touch import calibrate, read_sensor
@@ -37,13 +37,18 @@ def digit_rows(folder: Path) -> list[Row]:
     pictures, untouched = _photographs(folder)
     calibration = calibrate(pictures, untouched, sensor, BALL_M)
     calibration_s = cpu_seconds() - start
-    rows = [_calibrated("DIGIT of FOTS", calibration, calibration_s)]
+    rows = [_calibrated("DIGIT of FOTS", calibration, calibration_s, ())]
+    preset_aims = Aim("mean", least=23.0), Aim("correlation", least=0.85)
     own, ball = calibrate(pictures[::2], untouched, sensor, BALL_M).sensor, _ball()
-    for preset, simulated, fitted in (
-        ("preset `digit`, no table", sensor, f"lights and shadows, {SECOND}"),
-        ("calibrated by `objectfolder calibrate`", own, f"a table and a response, {SECOND}"),
-        ("preset `digit-tacto`, no table", read_sensor("digit-tacto").at_resolution(320, 240), ""),
-    ):
+    tacto = read_sensor("digit-tacto").at_resolution(320, 240)
+    for preset, simulated, fitted, aims in (
+        ("preset `digit`, no table", sensor, f"lights and shadows, {SECOND}", preset_aims),
+        (
+            "calibrated by `objectfolder calibrate`", own, f"a table and a response, {SECOND}",
+            (Aim("mean", least=27.0),),
+        ),
+        ("preset `digit-tacto`, no table", tacto, "", ()),
+    ):  # fmt: skip
         start = cpu_seconds()
         score = np.array(
             [
@@ -63,6 +68,7 @@ def digit_rows(folder: Path) -> list[Row]:
                 "touch", "DIGIT of FOTS", f"window of 140 pixels, {preset}, PSNR in dB",
                 {name: float(value) for name, value in figures.items()}, _repeatability(calibration), fitted,
                 f"{SECOND}; where the touch lies is found in each", SOURCE, cpu_seconds() - start,
+                aims,
             )
         )  # fmt: skip
     return rows
@@ -73,10 +79,13 @@ def gelsight_rows(folder: Path) -> list[Row]:
     base = at_magnification(read_sensor("gelsight").at_resolution(320, 240), GELSIGHT_PIXELS_A_METRE)
     pictures, untouched = _photographs(folder)
     rows = []
-    for chosen, fewer in ((pictures, ""), (pictures[::2], ", fitted to a quarter")):
+    for chosen, fewer, aims in (
+        (pictures, "", (Aim("mean", least=29.5), Aim("worst", least=26.0))),
+        (pictures[::2], ", fitted to a quarter", (Aim("mean", least=26.5),)),
+    ):
         start = cpu_seconds()
         calibration = calibrate(chosen, untouched, base, BALL_M)
-        rows.append(_calibrated(f"GelSight of FOTS{fewer}", calibration, cpu_seconds() - start))
+        rows.append(_calibrated(f"GelSight of FOTS{fewer}", calibration, cpu_seconds() - start, aims))
     return rows
 
 
@@ -96,7 +105,7 @@ def _repeatability(calibration: OwnCalibration) -> str:
     return f"{values.min():.1f} to {values.max():.1f} dB" if len(values) else ""
 
 
-def _calibrated(thing: str, calibration: OwnCalibration, cpu_s: float) -> Row:
+def _calibrated(thing: str, calibration: OwnCalibration, cpu_s: float, aims: tuple[Aim, ...]) -> Row:
     figures = {
         "mean": calibration.held_out.mean(),
         "worst": calibration.held_out.min(),
@@ -110,7 +119,7 @@ def _calibrated(thing: str, calibration: OwnCalibration, cpu_s: float) -> Row:
     return Row(
         "touch", thing, "contact circle, calibrated by `objectfolder calibrate`, PSNR in dB",
         {name: float(value) for name, value in figures.items()}, _repeatability(calibration), fitted,
-        f"{SECOND}; its circle is found in it", SOURCE, cpu_s,
+        f"{SECOND}; its circle is found in it", SOURCE, cpu_s, aims,
     )  # fmt: skip
 
 

@@ -6,6 +6,23 @@ from itertools import groupby
 
 
 @dataclass(frozen=True)
+class Aim:
+    """What a figure of a line is to reach: at least a value, or at most; of its size, whatever its sign."""
+
+    figure: str
+    least: float | None = None
+    most: float | None = None
+
+    def verdict(self, figures: Mapping[str, float]) -> str:
+        """Return the aim, and whether the figure meets it or by how much not."""
+        value = abs(figures[self.figure])
+        short = (self.least or 0.0) - value if self.least is not None else value - (self.most or 0.0)
+        bound = f"at least {self.least:g}" if self.least is not None else f"at most {self.most:g}"
+        outcome = "met" if short <= 0 else f"**missed by {short:.3g}**"
+        return f"{self.figure} {bound}: {outcome}"
+
+
+@dataclass(frozen=True)
 class Row:
     """How far one quantity of the product is from its measurement.
 
@@ -20,6 +37,7 @@ class Row:
     held_out : which part of the measurement the figures are of
     source : citation of the measurement
     cpu_s : CPU seconds that the product took
+    aims : what some of the figures are to reach
     """
 
     sense: str
@@ -31,19 +49,22 @@ class Row:
     held_out: str
     source: str
     cpu_s: float
+    aims: tuple[Aim, ...] = ()
 
 
 INTRODUCTION = """\
 # How far each sense is from the world
 
 The product against measurements of real things. Each line says what was fitted to the thing, and which part
-of its measurement was held out, of which the figures are. `make reality` computes the page from a folder of
-measurements, which are not part of the repository; the sources name who published them.
+of its measurement was held out, of which the figures are. Aims were set before; a line without one informs.
+`make reality` computes the page from a folder of measurements, which are not part of the repository; the
+sources name who published them.
 """
-HEADER = """\
-| thing | quantity | product against measurement | measurement against itself | fitted | held out | CPU-s |
-|---|---|---|---|---|---|---|
-"""
+COLUMNS = (
+    "thing", "quantity", "product against measurement", "aim", "measurement against itself", "fitted",
+    "held out", "CPU-s",
+)  # fmt: skip
+HEADER = f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}\n"
 
 
 def page(rows: Iterable[Row], pictures: Mapping[str, str] | None = None) -> str:
@@ -65,6 +86,7 @@ def _line(row: Row) -> str:
         row.thing,
         row.quantity,
         figures,
+        "; ".join(aim.verdict(row.figures) for aim in row.aims) or "none",
         row.repeatability or "not known",
         row.fitted or "nothing",
         row.held_out,
