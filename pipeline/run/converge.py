@@ -164,9 +164,11 @@ def _run(
 
 
 def _sweep(stages: Sequence[Stage], root: Path) -> None:
-    """Remove half-written files."""
+    """Remove half-written files, and marks of drivers that were killed."""
     for kind in (kind for stage in stages for kind in stage.products):
         kind.sweep(root)
+    for mark in (root / STATE).glob("shared-*"):
+        mark.unlink(missing_ok=True)  # of a driver that was killed: there is one run at a time
 
 
 def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:

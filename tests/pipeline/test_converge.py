@@ -194,5 +194,8 @@ def test_a_run_with_nothing_to_do_removes_what_dead_ones_left(toys, tmp_path, mo
     toys.converge()
     left = tmp_path / "home" / scratch.SEPARATOR.join([socket.gethostname(), str(2**22), "1.00", "task-a"])
     left.mkdir(parents=True)
+    mark = toys.root / ".objectfolder" / "shared-0"
+    mark.touch()
     toys.converge()
     assert not left.exists()
+    assert not mark.exists()
