@@ -11,10 +11,14 @@ from objectfolder.vision.compositing import on_white, srgb_encode
 from objectfolder.vision.visionnet.visionnet import REFLECTANCE
 
 FOREGROUND_ALPHA = 0.5
+# Linear radiance of a channel from which on a pixel is lit: much of many views is dark, which is easy.
+LIT_RADIANCE = 0.01
 
 SIGHT_DEFINITIONS = {
     "vision.psnr_db": "PSNR of 8-bit sRGB on white, held-out cameras and lights, mean of views",
     "vision.psnr_foreground_db": "The same over the pixels that the object covers by at least half",
+    "vision.psnr_foreground_worst_db": "The least of these views",
+    "vision.psnr_lit_db": "The same over the lit of these pixels: a channel above 0.01, linear",
     "vision.ssim": "Structural similarity (Wang et al. 2004), Gaussian window of sigma 1.5, mean of views",
     "vision.albedo_psnr_db": "PSNR of 8-bit sRGB base colour at the centres of held-out pixels",
     "vision.roughness_psnr_db": "The same of roughness, linear, where it varies; metallic likewise",
@@ -26,6 +30,19 @@ def held_out_truth(views: Product) -> tuple[np.ndarray, np.ndarray]:
     """Return the held-out views on white (n, h, w, 3) uint8 and their foreground masks (n, h, w)."""
     rgba = views["rgba"][views["held_out"]].astype(np.float32)
     return on_white(rgba), rgba[..., 3] >= FOREGROUND_ALPHA
+
+
+def lit_pixels(views: Product) -> np.ndarray:
+    """Return the masks (n, h, w) of the foreground of held-out views that light reaches."""
+    rgba = views["rgba"][views["held_out"]].astype(np.float32)
+    alpha = rgba[..., 3]
+    return np.asarray((alpha >= FOREGROUND_ALPHA) & (rgba[..., :3].max(axis=-1) > LIT_RADIANCE * alpha))
+
+
+def measure_within(truth: np.ndarray, within: np.ndarray, answer: np.ndarray) -> list[float]:
+    """Return the PSNR of (n, h, w, 3) uint8 images in masks (n, h, w), dB, of each view that has some."""
+    pairs = zip(truth, answer, within, strict=True)
+    return [psnr_db(t, a, mask) for t, a, mask in pairs if mask.any()]
 
 
 def held_out_answer(file: ObjectFile, views: Product, sub_rays: int | None = None) -> np.ndarray:

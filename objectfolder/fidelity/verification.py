@@ -138,6 +138,16 @@ def _sight(
     answer = answers[file.vision.sub_rays]
     trivial = sight.measure_sight(truth, foreground, sight.trivial_answer(views))
     measured = sight.measure_sight(truth, foreground, answer)
+    lit = sight.lit_pixels(views)
+    of_lit = sight.measure_within(truth, lit, answer)
+    measured["psnr_foreground_worst_db"] = min(sight.measure_within(truth, foreground, answer), default=None)
+    if of_lit:
+        of_trivial = sight.measure_within(truth, lit, sight.trivial_answer(views))
+        measured |= {
+            "psnr_lit_db": float(np.mean(of_lit)),
+            "psnr_lit_worst_db": min(of_lit),
+            "trivial_psnr_lit_db": float(np.mean(of_trivial)),
+        }
     parts = file.bytes_by_part()
     rows = []
     for sub_rays, images in answers.items():

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from objectfolder.fidelity.images import psnr_db, ssim
+from objectfolder.fidelity.sight import lit_pixels, measure_within
 from objectfolder.fidelity.sounds import (
     cents,
     envelope_distance,
@@ -14,6 +15,7 @@ from objectfolder.fidelity.sounds import (
     gain_error_db,
     stft_distance,
 )
+from objectfolder.products.store import Array, Product
 
 
 def _image(seed: int) -> np.ndarray:
@@ -34,6 +36,21 @@ def test_psnr_sees_only_the_mask_and_is_bounded_by_the_rounding_of_8_bits() -> N
     assert psnr_db(image, other, mask) == pytest.approx(20 * np.log10(255 * np.sqrt(12)))
     assert psnr_db(image, other) < 20
     assert np.isnan(psnr_db(image, other, np.zeros_like(mask)))
+
+
+def test_lit_pixels_are_covered_and_bright_by_their_own_colour() -> None:
+    rgba = np.zeros((3, 1, 4, 4), dtype=np.float32)
+    # Lit; as bright, but covered by less than half; dark; a dark colour, covered by three quarters.
+    rgba[0, 0, :, 3] = 1.0, 0.4, 1.0, 0.75
+    rgba[0, 0, :, 1] = 0.02, 0.02, 0.009, 0.0076
+    rgba[2] = rgba[0]
+    dims = ("view", "y", "x", "channel")
+    held_out = Array(np.array([True, True, False]), ("view",), "1", "")
+    lit = lit_pixels(Product({"rgba": Array(rgba, dims, "1", ""), "held_out": held_out}))
+    np.testing.assert_array_equal(lit[:, 0], [[True, False, False, True], [False] * 4])
+    image = np.zeros((2, 1, 4, 3), dtype=np.uint8)
+    other = image + np.array([51, 0, 0, 51], dtype=np.uint8)[:, None]
+    assert measure_within(image, lit, other) == [pytest.approx(20 * np.log10(5))], "no view without any"
 
 
 @given(st.integers(0, 1000), st.integers(0, 1000))
