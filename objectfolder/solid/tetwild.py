@@ -1,5 +1,6 @@
 """fTetWild in a child process, within a limit of CPU time."""
 
+import signal
 import subprocess
 import tempfile
 from dataclasses import asdict, dataclass
@@ -14,6 +15,8 @@ from objectfolder.errors import SimulationError
 from objectfolder.surface.surface import Surface
 
 PATIENCE = 10  # wall seconds for a CPU second: a busy machine must not change what comes out
+
+OUTSIDE = (signal.SIGKILL, signal.SIGTERM)
 
 
 class CutOffError(SimulationError):
@@ -52,7 +55,9 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
     Raises
     ------
     CutOffError
-        It took too long or too much memory, or a signal ended it.
+        It took too long or too much memory, or a signal of its own ended it.
+    SimulationError
+        It was killed from outside: another way to fill would make another solid than without the kill.
     """
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "solid.npz"
@@ -73,6 +78,9 @@ def run_tetwild(surface: Surface, envelope: Envelope) -> dict[str, NDArray[Any]]
             raise slow
         if "MemoryError" in done.stderr or "bad_alloc" in done.stderr:
             raise CutOffError("fTetWild", f"needs more than {envelope.memory_limit / 1e9:.3g} GB")
+        if -done.returncode in OUTSIDE:
+            finding = f"was killed from outside (signal {-done.returncode}), as for want of memory"
+            raise SimulationError("fTetWild", finding, "Run again, with more memory or fewer tasks at a time")
         if done.returncode < 0:
             raise CutOffError("fTetWild", f"ended with signal {-done.returncode}")
         if done.returncode > 0:

@@ -1,5 +1,6 @@
 """Solids of surfaces as they come: what the mesher, its checks and its other ways make of hard cases."""
 
+import subprocess
 from functools import cache
 from typing import Any
 
@@ -288,6 +289,20 @@ def test_a_small_part_of_a_body_is_no_solid_of_it(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(SimulationError, match=rf"board: .*{reasons}") as refused:
         fill(Surface(*block((1.0, 1.0, 1.0))), name="board")
     assert not isinstance(refused.value, UnsolvableError)
+
+
+def test_a_kill_from_outside_makes_no_other_solid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next way to fill would be taken, and its solid kept as that of the first."""
+    calls = []
+
+    def killed(*_: object, **__: object) -> subprocess.CompletedProcess[str]:
+        calls.append(1)
+        return subprocess.run(["sh", "-c", "kill -9 $$"], capture_output=True, text=True, check=False)
+
+    monkeypatch.setattr("objectfolder.solid.tetwild.run_module", killed)
+    with pytest.raises(SimulationError, match=r"fTetWild: was killed from outside \(signal 9\)"):
+        fill(Surface(*block((1.0, 1.0, 1.0))), name="board")
+    assert len(calls) == 1
 
 
 @pytest.mark.slow
