@@ -40,8 +40,8 @@ MUCH_GAINED_CENTS, MOST_FUNCTIONS = 50.0, 30_000
 GROUP_GAIN_RATIO = 2.5
 CENTS_PER_RELATIVE_EIGENVALUE = 600 / np.log(2)
 # Modes of a step start from those of the last one; some beyond those wanted keep the last of them clean. They
-# are looked for as far as this many times the limit, and taken along beyond those that order 2 has lower than
-# `START_BAND` times the limit: in thin walls its eigenvalues are too high.
+# are looked for as far as `GUARD_BAND` times the limit: in thin walls eigenvalues of order 2 are too high,
+# and a mode without a start takes several rounds of all. Later steps keep those below `START_BAND` times it.
 GUARD_MODES, GUARD_SHARE, GUARD_BAND, START_BAND = 16, 0.1, 2.0, 1.3
 # Modes of order 2, for a start only, need not be found more sharply than this (see `lowest_elastic`).
 START_TOLERANCE = 1e-3
@@ -235,7 +235,9 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
     shift = low_shift(wanted.below)
     if choice.pairs is not None:
         pairs = improve(pencil, choice.pairs.vectors, shift=shift)
+        band = START_BAND
     else:
+        band = GUARD_BAND
         pairs = lowest_elastic(
             pencil,
             below=GUARD_BAND * wanted.below,
@@ -244,8 +246,8 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
             tolerance=START_TOLERANCE,
             seed=wanted.seed,
         )
-        inside = min(int(np.count_nonzero(pairs.values < START_BAND * wanted.below)), wanted.max_modes)
-        pairs = pairs.first(min(len(pairs.values), inside + _guard(inside)))
+    inside = min(int(np.count_nonzero(pairs.values < band * wanted.below)), wanted.max_modes)
+    pairs = pairs.first(min(len(pairs.values), inside + _guard(inside)))
     together = choice.together
     if choice.ladder:
         together = _measured_together(choice, pairs.values, wanted.below)

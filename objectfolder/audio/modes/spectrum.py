@@ -1,7 +1,7 @@
 """The audible spectrum of a free solid: eigenpairs, certificate, and the error of the discretisation."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -274,15 +274,35 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
 
 
 def _polished(pencil: Pencil, pairs: Eigenpairs, below: float) -> Eigenpairs:
-    """Pairs after what rounds at a low shift their residuals need."""
+    """Pairs after what rounds at a low shift their residuals need.
+
+    A round moves those that need it and those beyond the limit; the others are kept out of it as the rigid
+    motions are. A few modes next to the limit need most of the rounds.
+    """
     shift = low_shift(below)
+    inside = int(np.count_nonzero(pairs.values < below))
+    moved = np.ones(len(pairs.values), dtype=bool)
+    moved[:inside] = pencil.residuals(pairs.first(inside)) > POLISHED
     factors: Factorisation | None = None
     for _ in range(MOST_POLISHING):
-        inside = pairs.first(int(np.count_nonzero(pairs.values < below)))
-        if pencil.residuals(inside).max(initial=0.0) <= POLISHED:
+        if not np.any(moved & (pairs.values < below)):
             break
         factors = factors or pencil.factorise(shift, definite=True)
-        pairs, _ = refine(pencil, factors, shift, pairs.vectors, below=below, tolerance=SETTLED, rounds=1)
+        # Written over the vectors: a copy of all of them is much of the memory.
+        rest = replace(pencil, rigid=np.concatenate([pencil.rigid, pairs.vectors[:, ~moved]], axis=1))
+        nearer, _ = refine(
+            rest, factors, shift, pairs.vectors[:, moved], below=below, tolerance=SETTLED, rounds=1
+        )
+        del rest
+        if len(nearer.values) < np.count_nonzero(moved):
+            break  # some became dependent to rounding: a round more would not tell them apart
+        values = pairs.values.copy()
+        values[moved], pairs.vectors[:, moved] = nearer.values, nearer.vectors
+        moved[moved] = (nearer.values >= below) | (pencil.residuals(nearer) > POLISHED)
+        order = np.argsort(values, kind="stable")
+        if np.any(np.diff(order) < 0):
+            pairs.vectors[:], moved = pairs.vectors[:, order], moved[order]
+        pairs = Eigenpairs(values[order], pairs.vectors)
     return pairs
 
 
