@@ -5,7 +5,8 @@ fTetWild within an envelope (Hu, Schneider, Wang, Zorin and Panozzo, "Fast Tetra
 2020), which takes holes, overlaps and several pieces: inside is where the generalised winding number is
 large. What comes out is compared with the surface. Where fTetWild takes too long or what it gives is wrong, a
 wider envelope around a simpler surface is next, and then the closed surface a little below the given one, by
-marching cubes on its signed distance.
+marching cubes on its signed distance. A thin-walled body of revolution is filled by turning its half section
+instead (`revolved`).
 
 Simplification decides how many elements there are. Collapsing edges of the tetrahedra afterwards would leave
 1.0 to 1.2 times fewer on a bowl, a cup, a plate and scans, and 1.4 times fewer on a small fork and a spatula.
@@ -25,6 +26,7 @@ from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
 from objectfolder.solid.normal_form import NormalForm, normal_form
 from objectfolder.solid.redundant_vertices import without_redundant_vertices
+from objectfolder.solid.revolved import Revolved, revolved
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.solid import LOCAL_FACES as LOCAL_FACES
 from objectfolder.solid.solid import SMALLEST_SHARE, Solid
@@ -50,6 +52,7 @@ ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
 OPENING_DISTANCE = 0.01  # distance over the diagonal from which on the outside of a solid closes an opening
 NOTHING_INSIDE = "it encloses no volume on a grid of 200,000 nodes"
 TRIED_WALL = 0.01  # thickness over the diagonal that sheets are tried with before it is advised
+MOST_TURNED_WALL = 0.08  # over the diagonal, of bodies of revolution that are filled by turning
 NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
 
 
@@ -138,12 +141,13 @@ def fill(
     Returns
     -------
     Solid
-        Its `report` has, besides the numbers of `filling`: `way` (``envelope``, ``wide envelope`` or
-        ``remeshed``) and `tried`, what was wrong with the ways before; `doubts`, what is still wrong;
-        `volume_error` against the volume enclosed; `surface_error_rms_m` and `surface_error_max_m`, the
-        distance between boundary and surface both ways; `wall_median_ratio` of the solid's wall to the
-        surface's; `bodies`; `closing_share`, how much of its outside
-        closes openings. Its `target` is `surface`, faces outward, or what `wall_m` or `shell_m` made of it.
+        Its `report` has, besides the numbers of `filling`: `way` (``envelope``, ``wide envelope``,
+        ``remeshed`` or ``revolved``) and `tried`, what was wrong with the ways before; `doubts`, what is
+        still wrong; `volume_error` against the volume enclosed; `surface_error_rms_m` and
+        `surface_error_max_m`, the distance between boundary and surface both ways; `wall_median_ratio` of
+        the solid's wall to the surface's; `bodies`; `closing_share`, how much of its outside closes openings.
+        Its `target` is `surface`, faces outward, or what `wall_m` or `shell_m` made of it, and of a body of
+        revolution the round surface that it stands for: the errors above are against it.
 
     Raises
     ------
@@ -155,9 +159,16 @@ def fill(
         No way made a solid, and a limit or a signal ended one of them.
     """
     filling = filling or Filling()
-    given = without_redundant_vertices(_outward(surface))
-    target, walls = _target(given, wall_m, shell_m, name)
+    outward = _outward(surface)
+    target, walls = _target(without_redundant_vertices(outward), wall_m, shell_m, name)
     measured = _measure(target, waves)
+    turned = _turned(target if walls else outward, measured, filling, waves)
+    if turned is not None:
+        body, done = turned
+        measured = _measure(body.surface)
+        vertices = measured.form.from_metres(body.vertices)
+        solid = clean(vertices, body.tetrahedra, {**done, "doubts": []}, name=name)
+        return _finished(solid, measured, filling, body.surface, {"tried": [], **walls})
     best, tried = _least_doubtful(measured, filling, name)
     return _finished(best, measured, filling, target, {"tried": tried, **walls})
 
@@ -266,6 +277,27 @@ def _measure(target: Surface, waves: BendingWaves | None = None) -> _Measured:
         uncertainty,
         wave,
     )
+
+
+def _turned(
+    given: Surface, measured: _Measured, filling: Filling, waves: BendingWaves | None
+) -> tuple[Revolved, dict[str, Any]] | None:
+    """A thin-walled body of revolution and what was done; None for other bodies."""
+    if measured.pieces != 1 or not measured.closed or measured.median > MOST_TURNED_WALL:
+        return None
+    scale, most, area = measured.form.diagonal_m, _edge(measured, filling), measured.form.surface.area
+
+    def longest_edge(wall: Floats) -> Floats:
+        known = np.where(np.isfinite(wall), wall, 1.0) * scale
+        carried = [waves.shortest_m(float(w), area * scale**2) / scale if waves else np.inf for w in known]
+        return np.minimum(most, filling.edge_per_wave * np.array(carried))
+
+    # Of rings in flat faces some are left out as redundant: they are looked for on the surface as given, too.
+    turned = revolved(measured.form, longest_edge) or revolved(normal_form(given), longest_edge)
+    if turned is None:
+        return None
+    epsilon_m = filling.epsilon_per_wall * measured.wall * scale
+    return turned, {"way": "revolved", "steps_around": turned.steps, "epsilon_m": epsilon_m}
 
 
 def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:

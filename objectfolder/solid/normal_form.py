@@ -29,6 +29,10 @@ class NormalForm:
         """Take dimensionless points (n, 3) back to where the object lies."""
         return points * self.diagonal_m + self.centre_m
 
+    def from_metres(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Dimensionless points (n, 3) of places in metres."""
+        return (points - self.centre_m) / self.diagonal_m
+
 
 def normal_form(surface: Surface) -> NormalForm:
     """Move, scale, round and sort a surface.
