@@ -61,7 +61,7 @@ def changed(small_file: Path, tmp_path: Path) -> Callable[[Tensors, Metadata], P
     def write(tensors: Tensors, fields: Metadata) -> Path:
         metadata = dict(content.metadata)
         for key, values in fields.items():
-            metadata[key] = json.dumps({**(json.loads(metadata[key]) or {}), **values})
+            metadata[key] = json.dumps({**(json.loads(metadata.get(key, "null")) or {}), **values})
         path = tmp_path / "hostile.safetensors"
         write_tensor_file(path, TensorFile({**content.tensors, **tensors}, metadata))
         return path
@@ -111,6 +111,24 @@ def test_a_surface_of_more_than_there_are(counts, planes, changed, lzma_bomb):
         name: stream(bytes([planes]) + lzma_bomb) for name in ("surface.connectivity", "surface.positions")
     }
     refused(changed({"surface.counts": np.array(counts), **streams}, {}), "vertices and")
+
+
+@pytest.mark.parametrize(
+    ("corners", "counts", "match"),
+    [
+        (np.eye(4, 3), [5], "do not fit together"),
+        (np.eye(4, 3), [[4]], "do not fit together"),
+        (np.eye(4, 3), [4] * 5000, "do not fit together"),
+        (np.full((4, 3), np.nan), [4], "do not fit together"),
+        (np.eye(4, 3) * [1, 1, 0], [4], "encloses nothing"),
+        (np.eye(4, 3), [4.0], "do not fit together"),
+    ],
+    ids=["counts", "nested", "many", "nan", "flat", "float"],
+)
+def test_convex_parts_that_are_none(corners, counts, match, changed):
+    tensors = {"collision.corners": corners, "collision.counts": np.array(counts)}
+    measures = {"union_iou": 1.0, "outward_m": 0.0, "inward_m": 0.0}
+    refused(changed(tensors, {"collision": measures}), match)
 
 
 def test_a_surface_whose_faces_meet_in_a_few_places(changed):

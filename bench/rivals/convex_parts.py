@@ -16,7 +16,8 @@ import trimesh
 
 from bench.record import conclude, cpu_seconds, kept, save, subplots
 from bench.senses.catalogue import VARIED, Scans, scan_arguments
-from objectfolder.simulators.collision import ConvexParts, convex_parts, measure_parts
+from objectfolder.simulators.collision import convex_parts, measure_parts
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.surface import Surface
 
 COMPARED = (

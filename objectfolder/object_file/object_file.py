@@ -29,6 +29,7 @@ from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_fi
 from objectfolder.signatures import ShortForm
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
 from objectfolder.surface.contact_surface import ContactSurface
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touch_queries import TouchQueries
@@ -53,6 +54,8 @@ REQUIRED = (
     "provenance",
     "fidelity",
 )
+# Of files that have it: measures of their convex parts, see `ObjectFile.collision`.
+OPTIONAL = ("collision",)
 
 
 class ObjectFile:
@@ -92,6 +95,8 @@ class ObjectFile:
         self.sound = SoundQueries(modes, self._contacts, self.description)
         self.touch = TouchQueries(touch, self._contacts)
         self._tensors = dict(tensors)
+        measures = self.description.get("collision")
+        self._collision = None if measures is None else ConvexParts.from_tensors(self._tensors, measures)
 
     def __repr__(self) -> str:
         sides_cm = 100 * np.ptp(self.bounds_m, axis=0)
@@ -159,6 +164,11 @@ class ObjectFile:
     def length_m(self) -> float:
         """Longest side of the bounding box."""
         return float(np.ptp(self.bounds_m, axis=0).max())
+
+    @property
+    def collision(self) -> ConvexParts | None:
+        """Convex hulls that stand for the solid in simulators; None in a file that has none."""
+        return self._collision
 
     @property
     def fidelity(self) -> dict[str, Any] | None:
@@ -272,7 +282,8 @@ class ObjectFile:
                 "Use the program that made it, or build it again.",
             )
         try:
-            description = {key: json.loads(content.metadata[key]) for key in REQUIRED}
+            stored = (*REQUIRED, *(key for key in OPTIONAL if key in content.metadata))
+            description = {key: json.loads(content.metadata[key]) for key in stored}
             return cls.of_tensors(content.tensors, description)
         except FormatError as error:
             raise FormatError(where, f"{error.where}: {error.finding}", "Fetch or build it again.") from error
@@ -296,6 +307,24 @@ class ObjectFile:
             self.surface, self.frame, self.vision, self.modes, self.touch.net, described, self._tensors
         )
 
+    def with_collision(self, parts: ConvexParts) -> "ObjectFile":
+        """Return the same object with convex parts for simulators, in place of those that it has.
+
+        Examples
+        --------
+        >>> import objectfolder
+        >>> from objectfolder.surface.convex_parts import ConvexParts, convex_hull
+        >>> bar = objectfolder.load("bar.safetensors")
+        >>> parted = bar.with_collision(ConvexParts((convex_hull(bar.surface.vertices),), 1.0, 0.0, 0.0))
+        >>> len(parted.collision.hulls), parted.bytes_by_part()["collision"]
+        (1, 200)
+        """
+        described = {**self.description, "collision": parts.to_dict()}
+        tensors = {**self._tensors, **parts.tensors()}
+        return ObjectFile(
+            self.surface, self.frame, self.vision, self.modes, self.touch.net, described, tensors
+        )
+
     def content(self) -> TensorFile:
         """Return the file's tensors and metadata; equal objects give equal bytes.
 
@@ -308,7 +337,8 @@ class ObjectFile:
         """
         version = KNOWN if self.vision.computed else LEARNED
         metadata: dict[str, Any] = {"format": FORMAT, "format_version": version}
-        metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in REQUIRED})
+        stored = (*REQUIRED, *(key for key in OPTIONAL if key in self.description))
+        metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in stored})
         return TensorFile(self._tensors, metadata)
 
     def save(self, path: Path | str) -> None:
@@ -325,7 +355,7 @@ class ObjectFile:
         write_tensor_file(path, self.content())
 
     def bytes_by_part(self) -> dict[str, int]:
-        """Return the bytes of the tensors of each part: surface, vision, audio, touch.
+        """Return the bytes of the tensors of each part: surface, vision, audio, touch, and what else it has.
 
         Examples
         --------
@@ -337,7 +367,8 @@ class ObjectFile:
         """
         parts = dict.fromkeys(("surface", "vision", "audio", "touch"), 0)
         for name, tensor in self._tensors.items():
-            parts[name.split(".")[0]] += tensor.nbytes
+            part = name.split(".")[0]
+            parts[part] = parts.get(part, 0) + tensor.nbytes
         return parts
 
     def project(self, points: ArrayLike, *, name: str = "points") -> ClosestPoints:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import InputError
-from objectfolder.simulators.collision import ConvexParts
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.files import Credit

@@ -7,19 +7,18 @@ metres. What they cover is measured on the surface itself.
 
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull
 from scipy.stats import qmc
 
 from objectfolder.child_process import OUT_OF_TIME, last_words, run_module
 from objectfolder.errors import InputError, UnsolvableError
 from objectfolder.extras import missing_package
+from objectfolder.surface.convex_parts import ConvexParts, convex_hull
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import WindingNumber
 
@@ -49,37 +48,6 @@ FLATTEST = 1e-4
 COACD_LIMIT_S = 150
 MEASURING_POINTS = 1 << 14
 SURFACE_POINTS = 2000
-
-
-@dataclass(frozen=True)
-class ConvexParts:
-    """Convex hulls that stand for a solid where bodies touch.
-
-    Parameters
-    ----------
-    hulls
-        Vertices (n, 3) in metres, object frame, and outward faces (f, 3) of each.
-    union_iou
-        Volume in both the solid and the union of the hulls, over the volume in either.
-    outward_m, inward_m
-        Largest distance of a hull's point outside the solid from the surface, and of a point of the surface
-        outside all hulls from these, metres.
-    """
-
-    hulls: tuple[Surface, ...]
-    union_iou: float
-    outward_m: float
-    inward_m: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return counts and measures as JSON."""
-        return {
-            "parts": len(self.hulls),
-            "vertices": sum(len(hull.vertices) for hull in self.hulls),
-            "union_iou": self.union_iou,
-            "outward_m": self.outward_m,
-            "inward_m": self.inward_m,
-        }
 
 
 def convex_parts(
@@ -187,7 +155,7 @@ def _union_iou(inside: NDArray[np.bool_], covered: NDArray[np.bool_]) -> float:
 
 def _as_shapes(hulls: list[Floats], length_m: float, name: str) -> tuple[Surface, ...]:
     """Return hulls of the points (n, 3) of parts as simulators take them: with few corners, none flat."""
-    convex = [hull for hull in map(_convex_hull, hulls) if hull is not None]
+    convex = [hull for hull in map(convex_hull, hulls) if hull is not None]
     most = max(HULL_VERTICES, MOST_VERTICES_IN_ALL // max(len(convex), 1))
     thick = tuple(_thinned(hull, most) for hull in convex if _thickness(hull) > FLATTEST * length_m)
     if not thick:
@@ -200,7 +168,7 @@ def _as_shapes(hulls: list[Floats], length_m: float, name: str) -> tuple[Surface
 def _solidity(surface: Surface) -> float:
     """Return the share of the convex hull that is solid."""
     points = _in_box(*surface.bounds)[: MEASURING_POINTS // 4]
-    hull = _convex_hull(surface.vertices)
+    hull = convex_hull(surface.vertices)
     if hull is None:
         return 1.0
     within = points[_covered((hull,), points)]
@@ -212,7 +180,7 @@ def _thinned(hull: Surface, most_vertices: int) -> Surface:
     if len(hull.vertices) <= most_vertices:
         return hull
     for faces in range(2 * most_vertices - 4, 3, -2):  # first, of a closed surface with that many vertices
-        fewer = _convex_hull(_decimated(hull, faces).vertices)
+        fewer = convex_hull(_decimated(hull, faces).vertices)
         if fewer is not None and len(fewer.vertices) <= most_vertices:
             return fewer
     return hull
@@ -245,20 +213,6 @@ def _hulls(surface: Surface, threshold_m: float, most_parts: int, seed: int, nam
             raise UnsolvableError(name, f"parting it into convex hulls {what}", remedy)
         with np.load(target) as hulls:
             return [hulls[key] for key in hulls.files]
-
-
-def _convex_hull(vertices: Floats) -> Surface | None:
-    """Return the convex hull of (n, 3) points with outward faces; None where they lie in a plane."""
-    try:
-        hull = ConvexHull(vertices)
-    except QhullError:
-        return None
-    corners = vertices[hull.simplices]
-    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", crossed, hull.equations[:, :3]) < 0
-    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return Surface(vertices[used], renumbered.reshape(faces.shape))
 
 
 def _thickness(hull: Surface) -> float:

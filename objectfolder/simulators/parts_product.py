@@ -4,7 +4,7 @@ import numpy as np
 
 from objectfolder.errors import UnsolvableError
 from objectfolder.products.store import Array, Product
-from objectfolder.simulators.collision import ConvexParts
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.surface import Surface
 
 

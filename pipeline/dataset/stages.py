@@ -106,6 +106,7 @@ STAGES = {
                 ProductInput(VIEWS),
                 ProductInput(MODES),
                 ProductInput(TOUCHES),
+                ProductInput(COLLISION),
             ),
             fields=(
                 *("name", "material", "material_citation", "loss_citation", "roughness_um"),

@@ -98,7 +98,7 @@ def build_object_file(
     from objectfolder.products.store import read_product
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
-    from pipeline.dataset.stages import COLLISION, OBJECT_FILES, OBJECTS, STAGES
+    from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, STAGES
     from pipeline.run.build_cache import unfinished_build
     from pipeline.run.converge import converge
     from pipeline.run.costs import costs_path, read_costs
@@ -107,9 +107,6 @@ def build_object_file(
     record = _record(building, output)
     material = find_material(read_materials(building.materials), building.material, str(building.materials))
     parameters = read_parameters(building.params, building.size)
-    stages = [
-        stage for name, stage in STAGES.items() if name != COLLISION.made_by
-    ]  # no part of an Object File
     folder = (
         contextlib.nullcontext(building.keep.resolve())
         if building.keep
@@ -124,7 +121,7 @@ def build_object_file(
         if confirm is not None:
             confirm(building, material)
         rows = {record.id: row_of(record, material)}
-        for summary in converge(stages, root, parameters, rows, partial(_runner, root)):
+        for summary in converge(list(STAGES.values()), root, parameters, rows, partial(_runner, root)):
             for failure in summary.failures:
                 raise SimulationError(f"{record.id}, stage {summary.stage}", failure.error, failure.remedy)
         output.parent.mkdir(parents=True, exist_ok=True)

@@ -6,6 +6,7 @@ from objectfolder.fidelity.verification import verify_object as verify
 from objectfolder.mesh.body import body_of
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_attributes, read_product
+from objectfolder.simulators.parts_product import parts_of
 from pipeline.dataset.task import Request, Timed
 
 DESCRIBED = ("name", "source", "licence", "attribution", "mass_kg")
@@ -37,6 +38,9 @@ def verify_object(request: Request) -> Timed:
             "roughness_um": record["roughness_um"],
         },
     )
+    parts = read_product(request.inputs["collision"])
+    if parts.attributes["absent"] is None:
+        named = named.with_collision(parts_of(parts, request.object_id))
     verification = verify(
         named,
         views,

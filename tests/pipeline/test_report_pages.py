@@ -14,8 +14,8 @@ from fidelity_products import FAILURE, fidelity, write_costs
 from report_data_sets import HOSTILE, cube, write_object
 
 from objectfolder.products.store import Array, Product, read_product, write_product
-from objectfolder.simulators.collision import ConvexParts
 from objectfolder.simulators.parts_product import absent_parts, parts_product
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.surface import Surface
 from pipeline.cluster.cluster import runner
 from pipeline.cluster.places import Place

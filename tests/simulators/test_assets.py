@@ -21,6 +21,7 @@ from bench.factory.engines import (
 from objectfolder.errors import InputError, UnsolvableError
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.object_file import ObjectFile
 from objectfolder.simulators import collision
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts, measure_parts
@@ -131,6 +132,19 @@ def test_parts_come_back_from_their_product() -> None:
     for hull, same in zip(parts.hulls, again.hulls, strict=True):
         np.testing.assert_array_equal(hull.vertices, same.vertices)
         np.testing.assert_array_equal(hull.faces, same.faces)
+
+
+def test_an_object_file_keeps_its_parts(small_file: Path, tmp_path: Path) -> None:
+    bar = ObjectFile.load(small_file)
+    assert bar.collision is None
+    parts = convex_parts(angle(), seed=3)
+    bar.with_collision(parts).save(tmp_path / "bar.safetensors")
+    again = ObjectFile.load(tmp_path / "bar.safetensors").collision
+    assert again is not None
+    assert again.to_dict() == parts.to_dict()
+    for hull, same in zip(parts.hulls, again.hulls, strict=True):
+        np.testing.assert_array_equal(hull.vertices, same.vertices)
+        assert hull.area == pytest.approx(same.area, rel=1e-12)
 
 
 def test_a_finer_threshold_is_tried_until_the_parts_fit(monkeypatch: pytest.MonkeyPatch) -> None:

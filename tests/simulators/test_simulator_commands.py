@@ -11,8 +11,8 @@ import trimesh
 
 import objectfolder
 from objectfolder.products.store import Product, write_product
-from objectfolder.simulators.collision import ConvexParts
 from objectfolder.simulators.parts_product import absent_parts, parts_product
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.surface import Surface
 from pipeline.cli import main
 from pipeline.dataset.stages import COLLISION, OBJECT_FILES

@@ -14,11 +14,12 @@ from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_product
 from objectfolder.products.tensor_file import read_metadata
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
-from objectfolder.simulators.collision import ConvexParts, convex_parts
+from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import FORMATS, write_asset
 from objectfolder.simulators.parts_product import parts_of
 from objectfolder.simulators.scene import format_of_scene, write_scene
 from objectfolder.simulators.stable_poses import lay_out
+from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.gltf import Part
 from objectfolder.vision.export.textured_surface import baked_part, mesh_parts
@@ -127,11 +128,13 @@ def _asset(products: ObjectProducts, options: Exporting) -> Asset:
 
 
 def _collision(file: ObjectFile, products: ObjectProducts, options: Exporting) -> ConvexParts:
-    """Return the convex parts of the data set, or those of the Object File where it has none or asked so."""
+    """Return the convex parts of the data set or the Object File; new ones where asked, or where none are."""
     limits = {"threshold_m": options.threshold_m, "most_parts": options.most_parts}
     stated: dict[str, Any] = {name: value for name, value in limits.items() if value is not None}
     if products.collision is not None and not stated:
         return parts_of(read_product(products.collision), products.object_id)
+    if file.collision is not None and not stated:
+        return file.collision
     return convex_parts(file.surface, **stated, seed=options.seed, name=products.object_id)
 
 

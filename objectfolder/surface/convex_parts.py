@@ -1,0 +1,102 @@
+"""Convex hulls that stand for a solid where bodies touch, and how an Object File stores them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from objectfolder.errors import FormatError
+from objectfolder.products.stored_values import number
+from objectfolder.products.tensor_file import REMEDY
+from objectfolder.surface.codec import LARGEST_COORDINATE_M
+from objectfolder.surface.surface import Surface
+
+Floats = NDArray[np.float64]
+# What a file may hold; the factory makes 16 hulls of 32 corners.
+MOST_HULLS, MOST_CORNERS = 1024, 1 << 16
+MEASURES = {"union_iou": 1.0, "outward_m": LARGEST_COORDINATE_M, "inward_m": LARGEST_COORDINATE_M}
+
+
+@dataclass(frozen=True)
+class ConvexParts:
+    """Convex hulls that stand for a solid where bodies touch.
+
+    Parameters
+    ----------
+    hulls
+        Vertices (n, 3) in metres, object frame, and outward faces (f, 3) of each.
+    union_iou
+        Volume in both the solid and the union of the hulls, over the volume in either.
+    outward_m, inward_m
+        Largest distance of a hull's point outside the solid from the surface, and of a point of the surface
+        outside all hulls from these, metres.
+    """
+
+    hulls: tuple[Surface, ...]
+    union_iou: float
+    outward_m: float
+    inward_m: float
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """Return the corners of all hulls, ``collision.corners`` (n, 3) metres, and how many each has.
+
+        A hull is that of its corners: faces are not stored.
+        """
+        return {
+            "collision.corners": np.concatenate([hull.vertices for hull in self.hulls]),
+            "collision.counts": np.array([len(hull.vertices) for hull in self.hulls], dtype=np.int64),
+        }
+
+    @classmethod
+    def from_tensors(cls, tensors: Mapping[str, np.ndarray], measures: Mapping[str, Any]) -> "ConvexParts":
+        """Return the parts whose `tensors` and `to_dict` were stored.
+
+        Raises
+        ------
+        FormatError
+            Counts that are not those of the corners, corners that enclose nothing, measures that are none.
+        """
+        corners, counts = tensors["collision.corners"], tensors["collision.counts"]
+        measured = (
+            number(f"collision.{name}", measures[name], 0.0, limit) for name, limit in MEASURES.items()
+        )
+        fit = (
+            counts.ndim == 1
+            and counts.dtype.kind in "iu"
+            and 0 < len(counts) <= MOST_HULLS
+            and (counts >= 4).all()
+        )
+        fit = fit and corners.shape == (counts.sum(dtype=np.int64), 3) and len(corners) <= MOST_CORNERS
+        if not fit or not np.abs(corners).max() <= LARGEST_COORDINATE_M:
+            raise FormatError("collision", "its hulls do not fit together", REMEDY)
+        hulls = [convex_hull(part) for part in np.split(corners.astype(np.float64), np.cumsum(counts)[:-1])]
+        if any(hull is None for hull in hulls):
+            raise FormatError("collision", "a hull encloses nothing", REMEDY)
+        return cls(tuple(hull for hull in hulls if hull is not None), *measured)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return counts and measures as JSON."""
+        return {
+            "parts": len(self.hulls),
+            "vertices": sum(len(hull.vertices) for hull in self.hulls),
+            "union_iou": self.union_iou,
+            "outward_m": self.outward_m,
+            "inward_m": self.inward_m,
+        }
+
+
+def convex_hull(vertices: Floats) -> Surface | None:
+    """Return the convex hull of (n, 3) points with outward faces; None where they lie in a plane."""
+    try:
+        hull = ConvexHull(vertices)
+    except QhullError:
+        return None
+    corners = vertices[hull.simplices]
+    crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", crossed, hull.equations[:, :3]) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Surface(vertices[used], renumbered.reshape(faces.shape))
