@@ -7,11 +7,12 @@ export PATH := $(BIN):$(PATH)
 export DVC_NO_ANALYTICS := 1
 unexport PYTHONPATH
 
-# The parameters of the examples: the default size, but with sight learned, which a GPU answers in batches, and
+# The parameters of two examples: the default size, but with sight learned, which a GPU answers in batches, and
 # with fewer features, so that a file is half as large.
 EXAMPLE_PARAMETERS := .objectfolder/examples.yaml
-EXAMPLE := --overwrite --params $(EXAMPLE_PARAMETERS) --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
+KNOWN_EXAMPLE := --overwrite --size default --source "ObjectFolder Factory starter set" --licence CC0-1.0 \
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
+EXAMPLE := --params $(EXAMPLE_PARAMETERS) $(KNOWN_EXAMPLE)
 
 COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-annotate --python-version 3.11
 
@@ -66,6 +67,8 @@ examples: $(STAMP) ## Make the Object Files inside the package again
 		-e 's/^      training_views: 24$$/      training_views: 100/' params.yaml > $(EXAMPLE_PARAMETERS)
 	objectfolder build data/starter/mug/model.obj --id mug --name "Mug with a handle" --material ceramic $(EXAMPLE)/mug.safetensors
 	objectfolder build data/starter/bell/model.obj --id bell --name "Bell with a knob" --material iron $(EXAMPLE)/bell.safetensors
+	objectfolder build data/starter/bowl/model.obj --id bowl --name "Speckled bowl" --material ceramic $(KNOWN_EXAMPLE)/bowl.safetensors
+	objectfolder build data/starter/plate/model.obj --id plate --name "Dotted plate" --material glass $(KNOWN_EXAMPLE)/plate.safetensors
 
 # One process more than there are processors: tests of clusters wait most of their time.
 test: $(VENV)/.installed-test ## Check style, types and imports, and run the tests that protect a change

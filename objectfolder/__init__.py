@@ -92,7 +92,7 @@ def load(path: Path | str) -> "ObjectFile":
 
 
 def example(name: str = "mug") -> "ObjectFile":
-    """Open an Object File of this package: ``"mug"`` or ``"bell"``.
+    """Open an Object File of this package: ``"mug"``, ``"bell"``, ``"bowl"`` or ``"plate"``.
 
     Raises
     ------

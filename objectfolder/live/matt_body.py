@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from objectfolder.live.scene_light import BodyLight
 from objectfolder.live.scene_view import CENTRE, Crop, View
 from objectfolder.surface.surface import Surface
+from objectfolder.vision.environment import Environment
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
@@ -28,15 +30,13 @@ class MattBody:
     surface: Surface
     albedo: tuple[float, float, float] = (0.1, 0.1, 0.11)
 
-    def seen(
-        self, view: View, crop: Crop, lamps_m: Floats, colours: Floats, smooth: bool
-    ) -> tuple[Floats, Floats]:
+    def seen(self, view: View, crop: Crop, light: BodyLight, smooth: bool) -> tuple[Floats, Floats]:
         """Return premultiplied colour (h, w, 4) and depth (h, w) in a part of a view, all in its own frame.
 
         Parameters
         ----------
-        lamps_m, colours
-            (k, 3), see `SceneLight`.
+        light
+            Lamps, and an environment of which the body hides what is behind each side, and no more.
         smooth
             Whether edges are: four rays a pixel beside that through its centre.
         """
@@ -45,11 +45,25 @@ class MattBody:
         hit, rgba = np.isfinite(hits.distance), np.zeros((len(along), 4))
         points = starts[hit] + hits.distance[hit, None] * along[hit]
         normals = self.surface.normals_at(hits.face[hit], hits.barycentric[hit])
-        away = lamps_m[:, None] - points
+        away = light.lamps_m[:, None] - points
         squared = np.maximum((away**2).sum(axis=-1), 1e-12)
         falls = np.maximum((away * normals).sum(axis=-1), 0.0) / squared**1.5
-        rgba[hit, :3] = LIGHT_POWER_W / (4 * np.pi**2) * (falls.T @ colours) * self.albedo
+        arriving = LIGHT_POWER_W / (4 * np.pi) * (falls.T @ light.colours)
+        if light.around is not None:
+            arriving += _irradiance(light.around, normals)
+        rgba[hit, :3] = arriving * self.albedo / np.pi
         rgba[hit, 3] = 1.0
         depth = (hits.distance * -(along @ view.camera[:3, 2])).reshape(*crop[2:], -1)[..., 0]
         several = rgba.reshape(*crop[2:], -1, 4)
         return several[..., 1:, :].mean(axis=2) if smooth else several[..., 0, :], depth
+
+
+def _irradiance(around: Environment, normals: Floats) -> Floats:
+    """Return what arrives (n, 3) at planes of normals (n, 3), nothing in the way."""
+    from objectfolder.vision.compiled.surroundings import looked_up  # compiles kernels
+
+    table = around.irradiance
+    arriving: Floats = looked_up(
+        table.reshape(-1, 3), np.array([len(table)]), normals, np.zeros(len(normals))
+    )
+    return arriving

@@ -3,7 +3,7 @@
 import contextlib
 import re
 import resource
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from objectfolder import load
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import Posed
+from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_bounds import check_scene
 from objectfolder.live.scene_view import moved_by
 from objectfolder.live.sight import LiveSight
@@ -22,8 +23,11 @@ from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 from objectfolder.vision.lamps import Lamps
 
 VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
-# Names in a scene's MJCF: its lamps' begin with that; the text that names its environment.
-LAMP, ENVIRONMENT = "lamp", "environment"
+CAMERA_MARGIN = 1.06  # of the camera's distance, over that at which objects just fit
+# Names in a scene's MJCF: its lamps' begin with that; the texts that name its environment, and whether its
+# table is of wood before a soft backdrop.
+LAMP, ENVIRONMENT, SURROUNDINGS_TEXT = "lamp", "environment", "surroundings"
+WARM = "warm"
 SHORTEST_STEP_S, LONGEST_STEP_S = 1e-5, 0.1
 FILE_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}")  # of an Object File, without its suffix
 MOST_MEMORY_BYTES = 2 << 30  # that MuJoCo may take for a scene
@@ -80,8 +84,8 @@ class OpenedScene:
             [moved_by(simulation.pose(name), file.surface.vertices) for name, file in self.files.items()]
         )
 
-    def sight(self, simulation: Posed) -> LiveSight:
-        """Return what is seen of it, under the lights that it says.
+    def sight(self, simulation: Posed, matt: Mapping[str, MattBody] | None = None) -> LiveSight:
+        """Return what is seen of it and of matt bodies, under the lights that it says.
 
         Raises
         ------
@@ -90,11 +94,15 @@ class OpenedScene:
         """
         stated = [self.model.light(number) for number in range(self.model.nlight)]
         lamps = [light for light in stated if light.name.startswith(LAMP)]
-        lights: list[Lamps | str] = [text.data for text in self.spec.texts if text.name == ENVIRONMENT][-1:]
+        texts = {text.name: text.data for text in self.spec.texts}
+        lights: list[Lamps | str] = [texts[ENVIRONMENT]] if ENVIRONMENT in texts else []
         if lamps:
             places, colours = ([getattr(lamp, key) for lamp in lamps] for key in ("pos", "diffuse"))
             lights.append(Lamps(np.array(places), np.array(colours, np.float64)))
-        return LiveSight(simulation, self.files, lights=lights or None, table_m=self.table_m)
+        warm = texts.get(SURROUNDINGS_TEXT) == WARM
+        return LiveSight(
+            simulation, self.files, matt=matt, lights=lights or None, table_m=self.table_m, warm=warm
+        )
 
     @property
     def table_m(self) -> tuple[float, float] | None:
@@ -121,16 +129,23 @@ def _memory_bounded() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-def surrounded(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the centre (3,) and the radius of a ball round points (n, 3)."""
+def framed(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the centre (3,) and radius of the ball that fills the image in which points (n, 3) just fit.
+
+    The image is seen from `VIEWED_FROM`.
+    """
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    return middle, float(np.linalg.norm(points - middle, axis=1).max())
+    turn = look_at(middle + VIEWED_FROM, middle)[0][:3, :3]
+    x, y, towards = ((points - middle) @ turn).T
+    half = np.deg2rad(FIELD_OF_VIEW_DEG) / 2
+    away = float((towards + np.maximum(abs(x), abs(y)) / np.tan(half)).max())
+    return middle, away * float(np.sin(half))
 
 
 def camera_over(points: np.ndarray) -> np.ndarray:
-    """Return a pose from which points (n, 3) are seen: the ball round them fills the image."""
-    middle, radius = surrounded(points)
-    away = radius / np.sin(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
+    """Return a pose from which points (n, 3) are seen, with little beside them."""
+    middle, radius = framed(points)
+    away = CAMERA_MARGIN * radius / np.sin(np.deg2rad(FIELD_OF_VIEW_DEG) / 2)
     pose: np.ndarray = look_at(middle + away * VIEWED_FROM / np.linalg.norm(VIEWED_FROM), middle)[0]
     return pose
 

@@ -10,8 +10,9 @@ from scipy.ndimage import minimum_filter
 
 from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.matt_body import MattBody
-from objectfolder.live.scene_light import SceneLight
+from objectfolder.live.scene_light import BodyLight, SceneLight
 from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
+from objectfolder.live.surroundings import wood_albedo
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.lamps import Lamps
@@ -19,7 +20,9 @@ from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
 TABLE_ALBEDO = (0.42, 0.36, 0.3)
-SPARSE = 48  # rows and columns of points at which the table's share of an environment is known, at most
+# Rows and columns of points at which the table's share of an environment is known, at most; and in images
+# that move.
+SPARSE, SPARSE_MOVING = 48, 24
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class DrawnObject:
     @classmethod
     def of(
         cls, file: ObjectFile | MattBody, pose: Floats, view: View, sub_rays: int | None, crop: Crop | None,
-        light: SceneLight, shaded: Floats,
+        light: BodyLight, shaded: Floats,
     ) -> "DrawnObject":  # fmt: skip
         """Draw an object by the light of its own frame; shadows fall of `shaded` (k, 3), in the world."""
         rgba, depth = np.zeros((*view.size, 4)), np.full(view.size, np.inf)
@@ -70,15 +73,18 @@ class DrawnObject:
         def draw(which: list[int]) -> tuple[Floats, Floats]:
             some = light.lamps_m[which], light.colours[which]
             if isinstance(file, MattBody):
-                return file.seen(local, (top, left, height, width), *some, smooth=sub_rays != 1)
-            if sub_rays == 1 and light.radiance is None:
+                by = BodyLight(*some, None)
+                return file.seen(local, (top, left, height, width), by, smooth=sub_rays != 1)
+            if sub_rays == 1 and light.around is None:
                 return _cast(file, local, (top, left, height, width), *some)
             return _rendered(file, local, (top, left, height, width), sub_rays, *some)
 
-        if crop is not None and len(light.lamps_m):
+        if crop is not None and isinstance(file, MattBody):
+            rgba[part], depth[part] = file.seen(local, crop, light, smooth=sub_rays != 1)
+        elif crop is not None and len(light.lamps_m):
             rgba[part], depth[part] = draw(list(range(len(light.lamps_m))))
-        if crop is not None and light.radiance is not None and not isinstance(file, MattBody):
-            even, depth[part] = _rendered(file, local, crop, sub_rays, around=light.radiance)
+        if crop is not None and light.around is not None and not isinstance(file, MattBody):
+            even, depth[part] = _rendered(file, local, crop, sub_rays, around=light.around)
             # Light adds up; what is covered is that of either image, to the bit.
             rgba[part] = np.concatenate([rgba[part][..., :3] + even[..., :3], even[..., 3:]], axis=-1)
         order = depth.copy()
@@ -105,6 +111,7 @@ class Tabletop:
     light : (k, h, w) what it reflects of each lamp of colour 1, unhindered, over its albedo
     sparse : (n, 3) points of its plane that stand for the pixels `at`, on a grid of (rows, columns)
     at : (rows,) and (columns,)
+    albedo : (h, w, 3) or (3,) linear
     """
 
     lit: LitPoints
@@ -114,15 +121,21 @@ class Tabletop:
     light: Floats
     sparse: Floats
     at: tuple[NDArray[np.int64], NDArray[np.int64]]
+    albedo: Floats
 
     @classmethod
-    def of(cls, side_m: float, height_m: float, lamps_m: Floats, view: View) -> "Tabletop":
-        """Return a table of some side and height under lamps (k, 3)."""
+    def of(
+        cls, side_m: float, height_m: float, lamps_m: Floats, view: View, *, wooden: bool = False,
+        moving: bool = False,
+    ) -> "Tabletop":  # fmt: skip
+        """Return a table of some side and height under lamps (k, 3), for images that are `moving` or not."""
         point, depth = view.on_plane(height_m)
+        footprints = []
         # Sides of the table cut a pixel as far as they lie from its middle, in its footprint.
         inside, covered = side_m / 2 - abs(point[..., :2]), np.ones(view.size)
         for axis in range(2):
             footprint = sum(abs(slope) for slope in np.gradient(point[..., axis]))
+            footprints.append(footprint)
             covered *= np.clip(0.5 + inside[..., axis] / np.maximum(footprint, 1e-12), 0.0, 1.0)
         covered = np.where(np.isfinite(depth), covered, 0.0)
         depth = np.where(covered > 0, depth, np.inf)
@@ -130,7 +143,11 @@ class Tabletop:
         away = lamps_m[:, None, None] - point
         squared = np.maximum((away**2).sum(axis=-1), 1e-12)
         falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
-        rows, columns = (np.unique(np.linspace(0, n - 1, SPARSE).round().astype(int)) for n in view.size)
+        sparse = SPARSE_MOVING if moving else SPARSE
+        rows, columns = (np.unique(np.linspace(0, n - 1, sparse).round().astype(int)) for n in view.size)
+        albedo = np.array(TABLE_ALBEDO)
+        if wooden:
+            albedo = wood_albedo(seen[..., :2], np.maximum(*footprints))
         return cls(
             LitPoints.of(seen, lamps_m),
             depth,
@@ -139,6 +156,7 @@ class Tabletop:
             np.nan_to_num(falls, posinf=0.0),
             point[np.ix_(rows, columns)].reshape(-1, 3),
             (rows, columns),
+            albedo,
         )
 
     def layer(self, hidden: NDArray[np.bool_], light: SceneLight, around: NDArray[np.bool_]) -> Layer:
@@ -147,24 +165,24 @@ class Tabletop:
         So is what comes from each direction, at the `sparse` points, (m, n).
         """
         rgba = np.empty((*self.covered.shape, 4))
-        lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ (light.colours * TABLE_ALBEDO)
+        lit = np.where(hidden, 0.0, self.light).transpose(1, 2, 0) @ light.colours
         even = np.asarray(light.above)
         if around.any():
             rows, columns = self.at
             dark = (around.T @ light.shares).reshape(len(rows), len(columns), 3)
             along = np.meshgrid(*(np.arange(n) for n in self.covered.shape), indexing="ij")
             even = light.above - RegularGridInterpolator(self.at, dark)(tuple(along))
-        rgba[..., :3] = (lit + even * TABLE_ALBEDO) * self.covered[..., None]
+        rgba[..., :3] = (lit + even) * self.albedo * self.covered[..., None]
         rgba[..., 3] = self.covered
         return Layer(rgba, self.depth_m, self.order_m)
 
 
 def _rendered(
     file: ObjectFile, view: View, crop: Crop, sub_rays: int | None, lamps: Floats | None = None,
-    colours: Floats | None = None, around: Floats | None = None,
+    colours: Floats | None = None, around: Environment | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
     """Return colour (h, w, 4) and depth (h, w) of a part of a view; all in the object's frame."""
-    lights = Lamps(lamps[None], colours) if around is None and lamps is not None else Environment.of(around)
+    lights = around if around is not None or lamps is None else Lamps(lamps[None], colours)
     drawn = file.render_passes(
         view.camera,
         ("linear", "depth"),
@@ -201,7 +219,9 @@ def composited(layers: list[Layer], size: tuple[int, int], objects: int) -> tupl
     if not layers:
         return np.zeros((*size, 4)), np.zeros((0, *size))
     rgba = layers[-1].rgba.copy()
-    which = np.any([layer.rgba[..., 3] > 0 for layer in layers[:objects]], axis=0)
+    which = np.zeros(size, dtype=bool)
+    for layer in layers[:objects]:
+        which |= layer.rgba[..., 3] > 0
     order = np.stack([layer.order_m[which] for layer in layers]).argsort(axis=0, kind="stable")
     found = np.take_along_axis(np.stack([layer.rgba[which] for layer in layers]), order[..., None], 0)
     total = np.zeros(found.shape[1:])

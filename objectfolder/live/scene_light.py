@@ -79,11 +79,25 @@ class SceneLight:
         shares *= above / np.maximum(shares.sum(axis=0), 1e-300)
         return cls(lamps, colours, radiance, above, known.directions[up], shares)
 
-    def seen_by(self, pose: Floats, unit_m: float) -> "SceneLight":
-        """Return the light in a body's frame, whose lamps are as strong at `unit_m` as these at a metre."""
-        radiance = None if self.radiance is None else _turned(self.radiance, pose[:3, :3])
-        lamps = moved_by(inverse_pose(pose), self.lamps_m)
-        return SceneLight(lamps, self.colours / unit_m**2, radiance, self.above)
+    def seen_by(self, pose: Floats, unit_m: float, around: Environment | None) -> "BodyLight":
+        """Return the light in a body's frame, whose lamps are as strong at `unit_m` as these at a metre.
+
+        What comes from all round is `around`, as `turned` returned it for that pose or one near it.
+        """
+        return BodyLight(moved_by(inverse_pose(pose), self.lamps_m), self.colours / unit_m**2, around)
+
+    def turned(self, pose: Floats) -> Environment | None:
+        """Return the environment in a body's frame; None where there is none."""
+        return None if self.radiance is None else Environment.of(_turned(self.radiance, pose[:3, :3]))
+
+
+@dataclass(frozen=True)
+class BodyLight:
+    """Lamps (k, 3) with their colours, and an environment, in the frame of a body."""
+
+    lamps_m: Floats
+    colours: Floats
+    around: Environment | None
 
 
 def _parts(lights: Any) -> tuple[Lamps, Environment | str | None]:

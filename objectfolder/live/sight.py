@@ -6,27 +6,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.errors import QueryError
 from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.matt_body import MattBody
 from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composited
 from objectfolder.live.scene_light import SceneLight, earlier_scene_lights
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
+from objectfolder.live.surroundings import backdrop
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.query_values import real, real_array, require_room
 from objectfolder.renaming import renamed_keywords
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, image_size
-from objectfolder.vision.compositing import on_white
+from objectfolder.vision.compositing import on_backdrop, on_white
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.lamps import Lamps
 from objectfolder.vision.studio import exposure
 
 Floats = NDArray[np.float64]
+Hidden = NDArray[np.bool_]
+Size = tuple[int, int]
 SceneLights = ArrayLike | Lamps | Environment | Sequence[ArrayLike | Lamps | Environment]
 # Shadow rays begin this share of their way off the surface.
 OFF = 1e-3
 STILL_PIXELS = 0.1  # that an object may move while a moving image shows it as it was
+STILL_TURN = 0.05  # rad by which it may turn while a moving image keeps the environment round it
 LAYER_BYTES = 40  # a pixel: colours, depth and which body, with copies
 
 
@@ -36,7 +39,7 @@ class SceneImage:
 
     Attributes
     ----------
-    rgb : (h, w, 3) uint8, sRGB, on white
+    rgb : (h, w, 3) uint8, sRGB, on white or the backdrop
     depth_m : (h, w) along the camera's -z axis at the pixels' centres, infinity where nothing is
     body : (h, w) which of the files is seen there, -1 for matt bodies, the table and nothing
     """
@@ -61,7 +64,7 @@ class LiveSight:
     files
         Object Files by the names of their bodies.
     matt
-        Bodies without a file, by name. No environment lights them.
+        Bodies without a file, by name.
     lights
         Positions (k, 3) of point lamps, metres, in the world; or `Lamps`, whose colours (k, 3) are factors of
         the light that a data set's lamp gives at one metre; or light from all round in the frame of the
@@ -71,14 +74,17 @@ class LiveSight:
         Side and height in metres of a matt square table about the z axis; None: there is none.
     shadows
         Whether objects throw shadows on the table and on one another.
+    warm
+        Whether the table is of wood, and a soft backdrop is behind everything, in place of a plain table on
+        white.
     exposure_factor
         Of linear values before they are shown; None: that which shows the first image best.
 
     Raises
     ------
     QueryError
-        A body that the simulation lacks, lamps or colours of other shapes, another environment, matt bodies
-        in one, values out of range.
+        A body that the simulation lacks, lamps or colours of other shapes, another environment, values out
+        of range.
     """
 
     @earlier_scene_lights
@@ -91,23 +97,25 @@ class LiveSight:
         lights: SceneLights | None = None,
         table_m: tuple[float, float] | None = (1.0, 0.0),
         shadows: bool = True,
+        warm: bool = False,
         exposure_factor: float | None = None,
     ) -> None:
         self._simulation, self._files, self._shadows = simulation, dict(files), shadows
+        self._warm = warm
         self._drawable: dict[str, ObjectFile | MattBody] = {**files, **(matt or {})}
         self._light = SceneLight.of(lights)
-        if matt and self._light.radiance is not None:
-            raise QueryError("matt", "an environment does not light such bodies", "Give lamps alone.")
         self._table = None
         if table_m is not None:
             self._table = real("table_m[0]", table_m[0], 1e-3, 1e3), real("table_m[1]", table_m[1], -1e3, 1e3)
         self._exposure = None if exposure_factor is None else real("exposure_factor", exposure_factor, 0, 1e9)
         self._balls = {name: _ball(file) for name, file in self._drawable.items()}
-        self._views: dict[tuple[bytes, tuple[int, int], float], tuple[View, Tabletop | None]] = {}
-        self._before: dict[str, DrawnObject] = {}
+        self._views: dict[tuple[bytes, Size, float, bool], tuple[View, Tabletop | None]] = {}
+        # Of each size of image: moving ones and those at rest take turns.
+        self._before: dict[tuple[str, Size], DrawnObject] = {}
         # By what shadows fall on (None: the table) and who throws them.
-        self._thrown: dict[tuple[str | None, str], tuple[LitPoints, DrawnObject, NDArray[np.bool_]]] = {}
-        self._around: dict[str, tuple[Tabletop, DrawnObject, NDArray[np.bool_]]] = {}
+        self._thrown: dict[tuple[str | None, str, Size], tuple[LitPoints, DrawnObject, Hidden]] = {}
+        self._around: dict[tuple[str, Size], tuple[Tabletop, DrawnObject, Hidden]] = {}
+        self._turned: dict[str, tuple[Floats, Environment | None]] = {}
         for name in self._drawable:
             finite_pose(simulation, name)
 
@@ -136,7 +144,7 @@ class LiveSight:
         remedy = "Ask for fewer pixels."
         require_room("resolution", layer_bytes * (len(self._drawable) + 2), remedy)
         poses = {name: finite_pose(self._simulation, name) for name in self._drawable}
-        view, table = self._seen_from(camera, size, float(field_of_view_deg))
+        view, table = self._seen_from(camera, size, float(field_of_view_deg), sub_rays == 1)
         drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
         layers = [self._shaded(name, drawn) for name in drawn]
         if table:
@@ -148,16 +156,22 @@ class LiveSight:
         nearest = depths.argmin(axis=0) if layers else np.zeros(size, np.int64)
         depth = np.take_along_axis(depths, nearest[None], 0)[0] if layers else np.full(size, np.inf)
         body = np.where(np.isfinite(depth) & (nearest < len(self._files)), nearest, -1)
-        return SceneImage(on_white(rgba * ([self._exposure] * 3 + [1.0])), depth, body)
+        exposed = rgba * ([self._exposure] * 3 + [1.0])
+        return SceneImage(
+            on_backdrop(exposed, backdrop(view)) if self._warm else on_white(exposed), depth, body
+        )
 
     def _seen_from(
-        self, camera: Floats, size: tuple[int, int], field_of_view_deg: float
+        self, camera: Floats, size: Size, field_of_view_deg: float, moving: bool
     ) -> tuple[View, Tabletop | None]:
         """Return what only the camera decides: of the last four cameras it is known."""
-        key = camera.tobytes(), size, field_of_view_deg
+        key = camera.tobytes(), size, field_of_view_deg, moving
         if key not in self._views:
             view = View(camera, size, field_of_view_deg)
-            table = None if self._table is None else Tabletop.of(*self._table, self._light.lamps_m, view)
+            table = None
+            if self._table is not None:
+                lamps_m, look = self._light.lamps_m, {"wooden": self._warm, "moving": moving}
+                table = Tabletop.of(*self._table, lamps_m, view, **look)
             self._views = dict([*self._views.items(), (key, (view, table))][-4:])
         return self._views[key]
 
@@ -177,19 +191,28 @@ class LiveSight:
         In images that move that is by a tenth of a pixel: engines leave bodies at rest in motion.
         """
         centre, radius = moved_by(pose, self._balls[name][0]), self._balls[name][1]
-        before = self._before.get(name)
+        before = self._before.get((name, view.size))
         if before and before.view is view and before.sub_rays == sub_rays:
             moved_m = np.abs(pose[:3, 3] - before.pose[:3, 3]).max()
             moved_m += radius * np.abs(pose[:3, :3] - before.pose[:3, :3]).max()
             if moved_m <= (STILL_PIXELS * view.pixel_m(centre) if sub_rays == 1 else 0.0):
                 return before
         file = self._drawable[name]
-        light = self._light.seen_by(pose, 1.0 if isinstance(file, MattBody) else file.frame.scale)
+        unit_m = 1.0 if isinstance(file, MattBody) else file.frame.scale
+        light = self._light.seen_by(pose, unit_m, self._environment_of(name, pose, sub_rays == 1))
         shaded = self._light.lamps_m if self._shadows else self._light.lamps_m[:0]
         crop = view.crop(centre, radius)
         drawn = DrawnObject.of(file, pose, view, sub_rays, crop, light, shaded)
-        self._before[name] = drawn
+        self._before[name, view.size] = drawn
         return drawn
+
+    def _environment_of(self, name: str, pose: Floats, moving: bool) -> Environment | None:
+        """Return the environment as a body sees it, in moving images as it saw it when it was turned last."""
+        before = self._turned.get(name)
+        most = STILL_TURN if moving else 0.0
+        if before is None or np.abs(pose[:3, :3] - before[0]).max() > most:
+            before = self._turned[name] = pose[:3, :3].copy(), self._light.turned(pose)
+        return before[1]
 
     def _hidden(
         self, seen: LitPoints, drawn: Mapping[str, DrawnObject], but: str | None = None
@@ -199,9 +222,10 @@ class LiveSight:
         for name, one in drawn.items() if self._shadows and seen.known.any() else ():
             if name == but:
                 continue
-            before = self._thrown.get((but, name))
+            key = but, name, one.view.size
+            before = self._thrown.get(key)
             if before is None or before[0] is not seen or before[1] is not one:
-                before = self._thrown[but, name] = seen, one, self._thrown_by(name, one.pose, seen)
+                before = self._thrown[key] = seen, one, self._thrown_by(name, one.pose, seen)
             hidden[:, seen.known] |= before[2]
         return hidden
 
@@ -209,9 +233,10 @@ class LiveSight:
         """Return which (m, n) directions of the environment objects hide from sparse points of the table."""
         hidden = np.zeros((len(self._light.towards), len(table.sparse)), dtype=bool)
         for name, one in drawn.items() if self._shadows and hidden.size else ():
-            before = self._around.get(name)
+            key = name, one.view.size
+            before = self._around.get(key)
             if before is None or before[0] is not table or before[1] is not one:
-                before = self._around[name] = table, one, self._hidden_by(name, one.pose, table.sparse)
+                before = self._around[key] = table, one, self._hidden_by(name, one.pose, table.sparse)
             hidden |= before[2]
         return hidden
 
@@ -226,7 +251,7 @@ class LiveSight:
         starts = points[point] + OFF * reach
         hidden = np.zeros(along.shape, dtype=bool)
         ends = moved_by(back, points[point] + reach)
-        hidden[direction, point] = self._files[name].surface.occluded(moved_by(back, starts), ends)
+        hidden[direction, point] = self._drawable[name].surface.occluded(moved_by(back, starts), ends)
         return hidden
 
     def _thrown_by(self, name: str, pose: Floats, seen: LitPoints) -> NDArray[np.bool_]:

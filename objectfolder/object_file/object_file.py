@@ -7,6 +7,7 @@ seconds, seconds.
 
 import json
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_fi
 from objectfolder.signatures import ShortForm
 from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
 from objectfolder.surface.contact_surface import ContactSurface
-from objectfolder.surface.convex_parts import ConvexParts
+from objectfolder.surface.convex_parts import ConvexParts, check_parts
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touch_queries import TouchQueries
@@ -55,7 +56,7 @@ REQUIRED = (
     "fidelity",
 )
 # Of files that have it: measures of their convex parts, see `ObjectFile.collision`.
-OPTIONAL = ("collision",)
+PRESENT_IN_SOME = ("collision",)
 
 
 class ObjectFile:
@@ -95,8 +96,8 @@ class ObjectFile:
         self.sound = SoundQueries(modes, self._contacts, self.description)
         self.touch = TouchQueries(touch, self._contacts)
         self._tensors = dict(tensors)
-        measures = self.description.get("collision")
-        self._collision = None if measures is None else ConvexParts.from_tensors(self._tensors, measures)
+        if self.description.get("collision") is not None:
+            check_parts(self._tensors, self.description["collision"])
 
     def __repr__(self) -> str:
         sides_cm = 100 * np.ptp(self.bounds_m, axis=0)
@@ -165,10 +166,11 @@ class ObjectFile:
         """Longest side of the bounding box."""
         return float(np.ptp(self.bounds_m, axis=0).max())
 
-    @property
+    @cached_property
     def collision(self) -> ConvexParts | None:
         """Convex hulls that stand for the solid in simulators; None in a file that has none."""
-        return self._collision
+        measures = self.description.get("collision")
+        return None if measures is None else ConvexParts.from_tensors(self._tensors, measures)
 
     @property
     def fidelity(self) -> dict[str, Any] | None:
@@ -282,7 +284,7 @@ class ObjectFile:
                 "Use the program that made it, or build it again.",
             )
         try:
-            stored = (*REQUIRED, *(key for key in OPTIONAL if key in content.metadata))
+            stored = (*REQUIRED, *(key for key in PRESENT_IN_SOME if key in content.metadata))
             description = {key: json.loads(content.metadata[key]) for key in stored}
             return cls.of_tensors(content.tensors, description)
         except FormatError as error:
@@ -337,7 +339,7 @@ class ObjectFile:
         """
         version = KNOWN if self.vision.computed else LEARNED
         metadata: dict[str, Any] = {"format": FORMAT, "format_version": version}
-        stored = (*REQUIRED, *(key for key in OPTIONAL if key in self.description))
+        stored = (*REQUIRED, *(key for key in PRESENT_IN_SOME if key in self.description))
         metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in stored})
         return TensorFile(self._tensors, metadata)
 

@@ -18,6 +18,8 @@ TABLE_THICKNESS_M = 0.04
 TABLE_COLOUR = (0.55, 0.45, 0.36, 1.0)
 # The plane's own friction: least, where a simulator takes the larger of two bodies, and the objects' decides.
 LEAST_FRICTION = 0.01
+# What `objectfolder play` shows the scene in.
+LOOK = {"environment": "studio", "surroundings": "warm"}
 SUFFIXES = {".xml": "mjcf", ".sdf": "sdf", ".usda": "usd"}
 
 
@@ -60,6 +62,9 @@ def format_of_scene(path: Path) -> str:
 def _mjcf(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: float, height_m: float) -> None:
     root = Element("mujoco", model=path.stem)
     SubElement(root, "option", timestep="0.002")
+    shown = SubElement(root, "custom")
+    for name, data in LOOK.items():
+        SubElement(shown, "text", name=name, data=data)
     assets = SubElement(root, "asset")
     for name in dict.fromkeys(names):
         SubElement(assets, "model", name=name, file=f"{name}/{FORMATS['mjcf'][0]}")

@@ -1,23 +1,26 @@
 """Poses in which an object rests on a plane, and objects laid out on it without overlap."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.simulators.asset import Asset
 
 Floats = NDArray[np.float64]
+Circle = tuple[Floats, float]  # what an object takes on the table: middle (2,) and radius, metres
 # Room between neighbours, and how often a place is drawn before the table counts as full.
 GAP_M = 0.01
 DRAWS = 2000
 # Of objects close together: directions from the middle that are tried, and metres between places along them.
-DIRECTIONS, STEP_M = 16, 0.005
-UPRIGHT = 0.99  # cosine of the angle of an object's own z axis with the vertical
-MARGIN = 1.35  # of the table's side, over that which the objects take
+DIRECTIONS, PLACE_STEP_M = 16, 0.005
+LEVEL = 1e-2  # of its height, that what touches the plane may be above it
+TABLE_MARGIN = 1.35  # of the table's side, over that which the objects take
 
 
 @dataclass(frozen=True)
@@ -53,10 +56,24 @@ def stable_poses(asset: Asset, *, least_probability: float = 0.05) -> list[Stabl
     return found or [StablePose(poses[order[0]], float(shares[order[0]]))]
 
 
-def upright_pose(poses: Sequence[StablePose]) -> StablePose:
-    """Return the most probable pose that leaves the object's own z axis up; the most probable where none does."""
-    upright = [pose for pose in poses if pose.object_to_world[2, 2] > UPRIGHT]
-    return max(upright or poses, key=lambda pose: pose.probability)
+def standing(asset: Asset) -> Floats | None:
+    """Return the pose (4, 4) in which an asset stands on the plane z = 0 as its own z axis has it, or None.
+
+    It stands where its centre of mass is above the inside of what touches the plane.
+    """
+    corners = np.concatenate([hull.vertices for hull in asset.collision.hulls])
+    low_m, high_m = corners[:, 2].min(), corners[:, 2].max()
+    feet = corners[corners[:, 2] <= low_m + LEVEL * (high_m - low_m), :2]
+    try:
+        sides = ConvexHull(feet).equations
+    except (QhullError, ValueError):  # a point or a line
+        return None
+    centre = np.asarray(asset.body.centre_of_mass_m)[:2]
+    if (sides[:, :2] @ centre + sides[:, 2] >= 0).any():
+        return None
+    pose = np.eye(4)
+    pose[2, 3] = -low_m
+    return pose
 
 
 def lay_out(
@@ -78,8 +95,8 @@ def lay_out(
     seed
         Of stable poses, turns and places.
     upright
-        Objects rest as their own z axis has it where they can (`upright_pose`); else in a pose drawn by its
-        probability.
+        Objects rest as their own z axis has it where they can (`standing`), else in their most probable pose.
+        If false, poses are drawn by their probability.
 
     Raises
     ------
@@ -87,16 +104,27 @@ def lay_out(
         No room was found.
     """
     rng = np.random.default_rng(seed)
-    turned = [_turned(asset, upright, rng) for asset in assets]
-    footprints = [_footprint(asset, pose) for asset, pose in zip(assets, turned, strict=True)]
-    if side_m is None:
-        places = _close_together([radius for _, radius in footprints], rng)
-    else:
-        places = _spread([radius for _, radius in footprints], side_m, [asset.name for asset in assets], rng)
-    for pose, (middle, _), place in zip(turned, footprints, places, strict=True):
+    circles: list[Circle] = []
+    poses = []
+    for asset in assets:
+        pose = _turned(asset, upright, rng)
+        middle, radius = _footprint(asset, pose)
+        place = (
+            _near_middle(radius, circles, rng) if side_m is None else _anywhere(radius, circles, side_m, rng)
+        )
+        if place is None:
+            finding = f"no room on a table of {side_m:g} m beside {len(circles)} other objects"
+            raise InputError(asset.name, finding, "Name fewer objects, or give a larger --table.")
+        circles.append((place, radius))
         pose[:2, 3] += place - middle
         pose[2, 3] += height_m
-    return turned
+        poses.append(pose)
+    if side_m is None and poses:
+        low = np.min([place - radius for place, radius in circles], axis=0)
+        high = np.max([place + radius for place, radius in circles], axis=0)
+        for pose in poses:
+            pose[:2, 3] -= (low + high) / 2
+    return poses
 
 
 def table_side(assets: Sequence[Asset], poses: Sequence[Floats]) -> float:
@@ -105,19 +133,21 @@ def table_side(assets: Sequence[Asset], poses: Sequence[Floats]) -> float:
     for asset, pose in zip(assets, poses, strict=True):
         middle, radius = _footprint(asset, pose)
         reach = max(reach, float(np.abs(middle).max()) + radius)
-    return float(np.ceil(2 * MARGIN * reach * 100) / 100)
+    return float(np.ceil(2 * TABLE_MARGIN * reach * 100) / 100)
 
 
 def _turned(asset: Asset, upright: bool, rng: np.random.Generator) -> Floats:
     """Return a pose at rest, turned at random about the vertical."""
-    poses = stable_poses(asset)
-    shares = np.array([pose.probability for pose in poses])
-    drawn = poses[rng.choice(len(poses), p=shares / shares.sum())]
-    pose = upright_pose(poses) if upright else drawn
+    pose = standing(asset) if upright else None
+    if pose is None:
+        poses = stable_poses(asset)  # most probable first
+        shares = np.array([pose.probability for pose in poses])
+        which = 0 if upright else rng.choice(len(poses), p=shares / shares.sum())
+        pose = poses[which].object_to_world
     angle = rng.uniform(0, 2 * np.pi)
     turn = np.eye(4)
     turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    return turn @ pose.object_to_world
+    return turn @ pose
 
 
 def _footprint(asset: Asset, pose: Floats) -> tuple[Floats, float]:
@@ -128,42 +158,22 @@ def _footprint(asset: Asset, pose: Floats) -> tuple[Floats, float]:
     return middle, float(np.linalg.norm(corners[:, :2] - middle, axis=1).max())
 
 
-def _spread(
-    radii: Sequence[float], side_m: float, names: Sequence[str], rng: np.random.Generator
-) -> list[Floats]:
-    """Return places (2,) all over a table, drawn until no circles overlap."""
-    places: list[Floats] = []
-    for radius, name in zip(radii, names, strict=True):
-        room = side_m / 2 - radius
-        for _ in range(DRAWS if room >= 0 else 0):
-            place = rng.uniform(-room, room, 2)
-            if _is_free(place, radius, places, radii):
-                break
-        else:
-            finding = f"no room on a table of {side_m:g} m beside {len(places)} other objects"
-            raise InputError(name, finding, "Name fewer objects, or give a larger --table.")
-        places.append(place)
-    return places
+def _anywhere(
+    radius: float, circles: Sequence[Circle], side_m: float, rng: np.random.Generator
+) -> Floats | None:
+    """Return a free place (2,) drawn all over a table; None where there seems to be none."""
+    room = side_m / 2 - radius
+    drawn = (rng.uniform(-room, room, 2) for _ in range(DRAWS if room >= 0 else 0))
+    return next((place for place in drawn if _is_free(place, radius, circles)), None)
 
 
-def _close_together(radii: Sequence[float], rng: np.random.Generator) -> list[Floats]:
-    """Return places (2,), each as near the middle as a circle comes in some random direction, then centred."""
-    places: list[Floats] = []
-    for radius in radii:
-        ways = rng.uniform(0, 2 * np.pi, DIRECTIONS)
-        steps = np.arange(0.0, sum(radii) * 2 + len(radii) * GAP_M, STEP_M)
-        tried = (
-            distance * np.array([np.cos(way), np.sin(way)]) for distance in steps for way in ways
-        )  # nearer ones first
-        places.append(next(place for place in tried if _is_free(place, radius, places, radii)))
-    around = np.array(places), np.array(radii)[:, None]
-    middle = ((around[0] - around[1]).min(axis=0) + (around[0] + around[1]).max(axis=0)) / 2
-    return [place - middle for place in places]
+def _near_middle(radius: float, circles: Sequence[Circle], rng: np.random.Generator) -> Floats:
+    """Return the free place (2,) nearest the middle, of those in some random directions."""
+    ways = rng.uniform(0, 2 * np.pi, DIRECTIONS)
+    towards = np.column_stack([np.cos(ways), np.sin(ways)])
+    outward = (step * PLACE_STEP_M * way for step in itertools.count() for way in towards)
+    return next(place for place in outward if _is_free(place, radius, circles))
 
 
-def _is_free(place: Floats, radius: float, places: Sequence[Floats], radii: Sequence[float]) -> bool:
-    """Return whether a circle overlaps none of those that have places."""
-    return all(
-        np.linalg.norm(place - other) > radius + taken + GAP_M
-        for other, taken in zip(places, radii, strict=False)
-    )
+def _is_free(place: Floats, radius: float, circles: Sequence[Circle]) -> bool:
+    return all(np.linalg.norm(place - other) > radius + taken + GAP_M for other, taken in circles)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from objectfolder.errors import FormatError
 from objectfolder.products.stored_values import number
@@ -57,25 +56,16 @@ class ConvexParts:
         Raises
         ------
         FormatError
-            Counts that are not those of the corners, corners that enclose nothing, measures that are none.
+            As `check_parts`, or corners that enclose nothing.
         """
-        corners, counts = tensors["collision.corners"], tensors["collision.counts"]
-        measured = (
-            number(f"collision.{name}", measures[name], 0.0, limit) for name, limit in MEASURES.items()
-        )
-        fit = (
-            counts.ndim == 1
-            and counts.dtype.kind in "iu"
-            and 0 < len(counts) <= MOST_HULLS
-            and (counts >= 4).all()
-        )
-        fit = fit and corners.shape == (counts.sum(dtype=np.int64), 3) and len(corners) <= MOST_CORNERS
-        if not fit or not np.abs(corners).max() <= LARGEST_COORDINATE_M:
-            raise FormatError("collision", "its hulls do not fit together", REMEDY)
-        hulls = [convex_hull(part) for part in np.split(corners.astype(np.float64), np.cumsum(counts)[:-1])]
+        check_parts(tensors, measures)
+        counts = tensors["collision.counts"]
+        corners = tensors["collision.corners"].astype(np.float64)
+        hulls = [convex_hull(part) for part in np.split(corners, np.cumsum(counts)[:-1])]
         if any(hull is None for hull in hulls):
             raise FormatError("collision", "a hull encloses nothing", REMEDY)
-        return cls(tuple(hull for hull in hulls if hull is not None), *measured)
+        known = tuple(hull for hull in hulls if hull is not None)
+        return cls(known, *(float(measures[name]) for name in MEASURES))
 
     def to_dict(self) -> dict[str, Any]:
         """Return counts and measures as JSON."""
@@ -88,8 +78,28 @@ class ConvexParts:
         }
 
 
+def check_parts(tensors: Mapping[str, np.ndarray], measures: Mapping[str, Any]) -> None:
+    """Check what `ConvexParts.tensors` and `to_dict` gave, without building a hull.
+
+    Raises
+    ------
+    FormatError
+        Counts that are not those of the corners, more than there may be, measures that are none.
+    """
+    corners, counts = tensors["collision.corners"], tensors["collision.counts"]
+    for name, limit in MEASURES.items():
+        number(f"collision.{name}", measures[name], 0.0, limit)
+    known = counts.ndim == 1 and counts.dtype.kind in "iu" and 0 < len(counts) <= MOST_HULLS
+    known = bool(known and (counts >= 4).all() and (counts <= MOST_CORNERS).all())
+    fit = known and corners.shape == (counts.sum(dtype=np.int64), 3) and len(corners) <= MOST_CORNERS
+    if not fit or not np.abs(corners).max() <= LARGEST_COORDINATE_M:
+        raise FormatError("collision", "its hulls do not fit together", REMEDY)
+
+
 def convex_hull(vertices: Floats) -> Surface | None:
     """Return the convex hull of (n, 3) points with outward faces; None where they lie in a plane."""
+    from scipy.spatial import ConvexHull, QhullError  # which opening a file does not need
+
     try:
         hull = ConvexHull(vertices)
     except QhullError:

@@ -24,8 +24,8 @@ def srgb_decode(encoded: np.ndarray) -> np.ndarray:
     return np.where(values <= 12.92 * SRGB_KNEE, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def composite_on_white(rgba: np.ndarray) -> np.ndarray:
-    """Blend (..., 4) scene-linear premultiplied RGBA over white.
+def composite_on(rgba: np.ndarray, behind: np.ndarray | float) -> np.ndarray:
+    """Blend (..., 4) scene-linear premultiplied RGBA over sRGB-encoded colours, 1 for white.
 
     Returns
     -------
@@ -35,7 +35,17 @@ def composite_on_white(rgba: np.ndarray) -> np.ndarray:
     values = np.asarray(rgba, dtype=np.float64)
     alpha = np.clip(values[..., 3:], 0.0, 1.0)
     straight = np.divide(values[..., :3], alpha, out=np.zeros_like(values[..., :3]), where=alpha > 0)
-    return alpha * srgb_encode(straight) + (1.0 - alpha)
+    return alpha * srgb_encode(straight) + (1.0 - alpha) * behind
+
+
+def composite_on_white(rgba: np.ndarray) -> np.ndarray:
+    """Return `composite_on` white."""
+    return composite_on(rgba, 1.0)
+
+
+def on_backdrop(rgba: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """Return `composite_on` colours (..., 3) rounded to uint8."""
+    return np.round(composite_on(rgba, behind) * 255.0).astype(np.uint8)
 
 
 def on_white(rgba: np.ndarray) -> np.ndarray:

@@ -56,7 +56,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "Versions": (versions.audit, versions.verify, versions.history),
     "Publishing": (
         publishing.cards, publishing.get, publishing.export, publishing.export_samples, publishing.scene,
-        publishing.play,
+        publishing.demo, publishing.play,
     ),
 }  # fmt: skip
 

@@ -58,10 +58,23 @@ EXAMPLES = {
     ),
     "export-samples": ("export-samples mug.safetensors --sense touch --queries 64 -o samples",),
     "scene": ("scene mug bell fork -o table/scene.xml",),
+    "demo": ("demo",),
     "play": ("play table/scene.xml", "play table/scene.xml -o table/clip.mp4"),
 }
 # Of all commands, the first steps.
-FIRST_STEPS = ("build", "info", "sample", "render", "strike", "press", "view", "fetch", "export", "plan")
+FIRST_STEPS = (
+    "demo",
+    "build",
+    "info",
+    "sample",
+    "render",
+    "strike",
+    "press",
+    "view",
+    "fetch",
+    "export",
+    "plan",
+)
 
 
 def epilogue(*names: str) -> str:

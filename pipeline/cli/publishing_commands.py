@@ -141,11 +141,12 @@ def export(
 def scene(
     *objects: Annotated[str, Parameter(name="OBJECT")],
     output: Output,
-    table_m: Annotated[float, Number(gt=0, lte=100)] = 1.0,
+    table_m: Annotated[float, Number(gt=0, lte=100)] | None = None,
     height_m: Annotated[float, Number(gte=0, lte=100)] = 0.0,
     seed: int = 0,
     most_parts: Annotated[int, AtLeastOne] | None = None,
     texture_side: Annotated[int, AtLeastOne] = 1024,
+    poses: Literal["upright", "random"] = "upright",
     overwrite: Overwrite = False,
     root: Root = Path("."),
     json: Json = False,
@@ -159,15 +160,19 @@ def scene(
     output
         the scene; assets of the objects are written to folders beside it
     table_m
-        side of the square table, metres
+        side of the square table, metres, all over which objects stand (default: they stand close together,
+        and it is as large as they need)
     height_m
         height of its top, metres
     seed
         of stable poses, turns and places
     most_parts
-        largest number of convex parts of an object (default: the parts of the data set, else 16)
+        largest number of convex parts of an object (default: the parts of the data set or the Object File,
+        else 16)
     texture_side
         texels a side, where colours are those of an Object File
+    poses
+        upright as their own z axis has it, where they can stand so; or drawn among all poses at rest
     """
     check_new_file(output, overwrite=overwrite)
     request = Exporting(
@@ -177,8 +182,28 @@ def scene(
         from pipeline.publish.export.assets import all_objects, compose_scene
 
         names = objects or all_objects(root)
-        summary = compose_scene(names, root, request, output, table_m=table_m, height_m=height_m)
+        summary = compose_scene(
+            names, root, request, output, table_m=table_m, height_m=height_m, upright=poses == "upright"
+        )
     print_result(summary, json=json)
+
+
+def demo(*, port: int = 0, no_browser: bool = False) -> None:
+    """Strike, throw and squeeze the package's own objects on a table, in the browser.
+
+    The page is served on 127.0.0.1 only.
+
+    Parameters
+    ----------
+    port
+        of 127.0.0.1; 0 for any free one
+    no_browser
+        print the page's address, open nothing
+    """
+    with status_line("setting the table"):
+        from pipeline.publish.demo import play_demo
+    play_demo(port, not no_browser)
+    end_at_once()
 
 
 def play(

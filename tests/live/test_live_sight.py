@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 import objectfolder
 from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
 from objectfolder.live.matt_body import MattBody
-from objectfolder.live.scene_layers import TABLE_ALBEDO
+from objectfolder.live.scene_layers import TABLE_ALBEDO, DrawnObject
+from objectfolder.live.surroundings import wood_albedo
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at, pixel_rays
 from objectfolder.vision.compositing import on_white, srgb_decode, srgb_encode
@@ -322,8 +324,59 @@ def test_a_matt_body_hides_and_shades_as_an_object_of_its_surface(files, still):
     np.testing.assert_array_equal(seen.body == 0, as_file.body == 0)
     elsewhere = as_file.body != 1
     assert (abs(seen.rgb.astype(int) - as_file.rgb).max(axis=2) <= 1)[elsewhere].mean() > 0.98
-    with pytest.raises(QueryError, match="environment"):
-        LiveSight(still, {}, matt={"bell": body}, lights="sky")
+
+
+@pytest.mark.parametrize(
+    "lights", ["window", [np.array([[0.2, -0.3, 0.9]]), "sky"]], ids=["alone", "beside a lamp"]
+)
+def test_a_matt_slab_takes_an_environment_as_the_table_does(files, lights):
+    box = trimesh.creation.box(bounds=[[-0.5, -0.5, -0.01], [0.5, 0.5, 0.0]])
+    slab = MattBody(Surface(box.vertices, box.faces), TABLE_ALBEDO)
+    turned = Rotation.from_euler("z", 70, degrees=True).as_matrix()
+    pose = np.eye(4)
+    pose[:3, :3] = turned
+    settings = {"lights": lights, "exposure_factor": 0.5}
+    table = LiveSight(Still({}), {}, **settings).image(CAMERA, SIZE)
+    seen = LiveSight(Still({"slab": pose}), {}, matt={"slab": slab}, table_m=None, **settings).image(
+        CAMERA, SIZE
+    )
+    both = np.isfinite(seen.depth_m) & np.isfinite(table.depth_m)
+    assert both.mean() > 0.3
+    alike = abs(seen.rgb.astype(int) - table.rgb).max(axis=2) <= 2
+    assert alike[both].mean() > 0.97, "but at their edges"
+
+
+def test_a_warm_scene_has_a_wooden_table_as_light_as_a_plain_one_before_a_backdrop(files, still):
+    plain, warm = (
+        LiveSight(still, files, exposure_factor=1.0, warm=warm).image(CAMERA, SIZE) for warm in (False, True)
+    )
+    np.testing.assert_array_equal(warm.depth_m, plain.depth_m)
+    table = (plain.body < 0) & np.isfinite(plain.depth_m)
+    assert warm.rgb[table].mean() == pytest.approx(plain.rgb[table].mean(), rel=0.2)
+    behind = ~np.isfinite(plain.depth_m)
+    assert (plain.rgb[behind] == 255).all()
+    assert not (warm.rgb[behind] == 255).all()
+    again = LiveSight(still, files, exposure_factor=1.0, warm=True).image(CAMERA, SIZE)
+    np.testing.assert_array_equal(again.rgb, warm.rgb)
+
+
+def test_grain_that_is_finer_than_a_pixel_fades_into_the_same_wood():
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 400), np.linspace(-0.5, 0.5, 400))
+    points = np.stack([x, y], axis=-1)
+    fine, coarse = (wood_albedo(points, np.full(x.shape, pixel_m)) for pixel_m in (0.001, 0.05))
+    np.testing.assert_allclose(fine.mean(axis=(0, 1)), coarse.mean(axis=(0, 1)), rtol=0.05)
+    assert fine.mean() == pytest.approx(np.mean(TABLE_ALBEDO), rel=0.3)
+    assert fine.std(axis=1).mean() > 3 * coarse.std(axis=1).mean()
+    assert fine.min() > 0
+    assert fine.max() < 1
+
+
+def test_an_object_that_stands_is_not_drawn_again_when_sizes_take_turns(files, still, monkeypatch):
+    sight = LiveSight(still, files)
+    first = [sight.image(CAMERA, size, sub_rays=1).rgb for size in ((24, 24), (32, 32))]
+    monkeypatch.setattr(DrawnObject, "of", None)
+    for image, size in zip(first, ((24, 24), (32, 32)), strict=True):
+        np.testing.assert_array_equal(sight.image(CAMERA, size, sub_rays=1).rgb, image)
 
 
 def test_objects_hide_an_environment_from_the_table(files):

@@ -28,7 +28,8 @@ from objectfolder.simulators.collision import convex_parts, measure_parts
 from objectfolder.simulators.formats import write_asset
 from objectfolder.simulators.parts_product import absent_parts, parts_of, parts_product
 from objectfolder.simulators.scene import write_scene
-from objectfolder.simulators.stable_poses import lay_out, stable_poses
+from objectfolder.simulators.stable_poses import lay_out, stable_poses, standing, table_side
+from objectfolder.surface.convex_parts import ConvexParts, convex_hull
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.files import Credit
@@ -345,6 +346,44 @@ def test_a_scene_holds_its_objects_at_rest_and_apart(block: Asset, tmp_path: Pat
         mujoco.mj_step(model, data)
     np.testing.assert_allclose(data.qpos, before, atol=1e-3)
     assert np.abs(data.qvel).max() < 1e-3
+
+
+def test_objects_stand_upright_and_close_together_on_a_table_of_their_size(block: Asset) -> None:
+    poses = lay_out([block] * 5, seed=2, upright=True)
+    corners = [hull.vertices for hull in block.collision.hulls]
+    placed = [np.concatenate(corners) @ pose[:3, :3].T + pose[:3, 3] for pose in poses]
+    for pose, points in zip(poses, placed, strict=True):
+        np.testing.assert_array_equal(pose[2, :3], [0.0, 0.0, 1.0])
+        assert points[:, 2].min() == pytest.approx(0.0, abs=1e-12)
+    radius = max(
+        np.linalg.norm(points[:, :2] - points[:, :2].mean(axis=0), axis=1).max() for points in placed
+    )
+    places = np.array([points[:, :2].mean(axis=0) for points in placed])
+    apart = np.linalg.norm(places[:, None] - places, axis=2)[np.triu_indices(5, 1)]
+    assert apart.min() > 2 * radius
+    assert apart.max() < 8 * radius, "in a row they would be 8 radii long"
+    side_m = table_side([block] * 5, poses)
+    assert all((np.abs(points[:, :2]) < side_m / 2).all() for points in placed)
+    assert side_m < 3.0 * np.abs(np.concatenate(placed)[:, :2]).max()
+
+
+def test_what_would_fall_over_rests_in_its_most_probable_pose(block: Asset) -> None:
+    assert standing(block) is not None
+    leaning = replace(block, body=replace(block.body, centre_of_mass_m=np.array([10.0, 0.0, 0.0])))
+    assert standing(leaning) is None
+    (pose,) = lay_out([block], seed=0, upright=True)
+    on_its_tip = replace(block, collision=ConvexParts((cone(),), 1.0, 0.0, 0.0))
+    (lying,) = lay_out([on_its_tip], seed=0, upright=True)
+    assert pose[2, 2] == 1.0
+    assert lying[2, 2] < 0.99
+
+
+def cone() -> Surface:
+    """A cone that stands on its tip."""
+    mesh = trimesh.creation.cone(0.02, 0.05)
+    hull = convex_hull(mesh.vertices * [1.0, 1.0, -1.0] + [0.0, 0.0, 0.025])
+    assert hull is not None
+    return hull
 
 
 def test_the_same_seed_lays_out_alike_and_a_small_table_is_refused(block: Asset) -> None:

@@ -4,10 +4,13 @@ import itertools
 import re
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
+from objectfolder import EXAMPLES
 from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
 from objectfolder.live.opened_scene import OpenedScene, camera_over
@@ -15,6 +18,7 @@ from objectfolder.live.scene_view import View
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.lamps import Lamps
 from pipeline.cli import main
+from pipeline.publish.demo import write_demo
 from pipeline.publish.viewer import played_world
 from pipeline.publish.viewer.play import page_of_world
 from pipeline.publish.viewer.played_world import ALONE_S, BLOCK_S, PlayedWorld
@@ -85,6 +89,37 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
 
 
 @pytest.mark.slow
+def test_what_is_seen_and_heard_is_saved(played):
+    page, _ = played
+    page.wait_for_function(f"() => {TABLE}.sound.behind > 0")
+    with page.expect_download() as picture:
+        page.get_by_role("button", name="Save picture").click()
+    assert Path(picture.value.path()).read_bytes().startswith(b"\x89PNG")
+    page.get_by_role("button", name="Record clip").click()
+    page.get_by_role("button", name="Strike").click()
+    page.wait_for_timeout(1500)
+    with page.expect_download() as clip:
+        page.get_by_role("button", name="Stop and save clip").click()
+    with av.open(clip.value.path()) as recorded:
+        assert {stream.type for stream in recorded.streams} == {"video", "audio"}
+        assert len(list(recorded.decode(video=0))) > 1
+
+
+def test_the_demo_is_a_scene_of_all_examples_that_stand(tmp_path):
+    opened = OpenedScene.of(write_demo(tmp_path))
+    assert {name.partition("_")[2] for name in opened.files} == {
+        path.stem for path in EXAMPLES.glob("*.safetensors")
+    }
+    data = mujoco.MjData(opened.model)
+    mujoco.mj_forward(opened.model, data)
+    before = data.xpos.copy()
+    while data.time < 0.5:
+        mujoco.mj_step(opened.model, data)
+    np.testing.assert_allclose(data.xpos, before, atol=0.005)
+    assert (data.xmat[1:, 8] > 0.99).all(), "upright"
+
+
+@pytest.mark.slow
 def test_the_player_joins_blocks_waits_longer_after_a_gap_and_catches_up(world, open_page):
     """Ramps into a player of 44.1 kHz without a device: each sample says which one it is."""
     with served_page(page_of_world(world)) as server:
@@ -136,7 +171,7 @@ def test_what_is_dragged_is_carried_and_thrown(played):
     page.mouse.move(x, y)
     page.mouse.down()
     for step in range(1, 20):
-        page.mouse.move(x - 4 * step, y - 9 * step)
+        page.mouse.move(x - 4 * step, y - 12 * step)
         page.wait_for_timeout(30)
     wait_until(lambda: world._world.pose("1_bell")[2, 3] > 0.1)
     page.mouse.up()

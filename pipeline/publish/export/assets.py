@@ -18,7 +18,7 @@ from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import FORMATS, write_asset
 from objectfolder.simulators.parts_product import parts_of
 from objectfolder.simulators.scene import format_of_scene, write_scene
-from objectfolder.simulators.stable_poses import lay_out
+from objectfolder.simulators.stable_poses import lay_out, table_side
 from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.gltf import Part
@@ -65,24 +65,37 @@ def write_assets(
 
 
 def compose_scene(
-    names: Sequence[str], root: Path, options: Exporting, output: Path, *, table_m: float, height_m: float
+    names: Sequence[str],
+    root: Path,
+    options: Exporting,
+    output: Path,
+    *,
+    table_m: float | None,
+    height_m: float,
+    upright: bool = False,
+    looks: bool = True,
 ) -> SceneSummary:
-    """Write a scene file, and the asset of each object in a folder beside it."""
+    """Write a scene file, and the asset of each object in a folder beside it.
+
+    Without a `table_m` objects stand close together, and the table is as large as they need. Without
+    `looks` assets have nothing that is seen: what plays the scene draws Object Files.
+    """
     kind = format_of_scene(output)
     products = {name: find_products(name, root) for name in names}
-    assets = {name: _asset(product, options) for name, product in products.items()}
+    assets = {name: _asset(product, options, looks) for name, product in products.items()}
     ids = [asset.name for asset in assets.values()]
     if len(set(ids)) < len(ids):
         raise InputError(
             str(output), f"two of its objects are called {max(ids, key=ids.count)}", "Rename one."
         )
     laid = [assets[name] for name in names]
-    poses = lay_out(laid, table_m, height_m=height_m, seed=options.seed)
+    poses = lay_out(laid, table_m, height_m=height_m, seed=options.seed, upright=upright)
+    side_m = table_side(laid, poses) if table_m is None else table_m
     for name, asset in assets.items():
         _write(products[name], asset, options, output.parent / asset.name, (kind,))
-    write_scene(output, [asset.name for asset in laid], poses, table_m, height_m=height_m)
+    write_scene(output, [asset.name for asset in laid], poses, side_m, height_m=height_m)
     objects = tuple(asset.name for asset in laid)
-    return SceneSummary(file=str(output), objects=objects, table_m=table_m)
+    return SceneSummary(file=str(output), objects=objects, table_m=side_m)
 
 
 def all_objects(root: Path) -> tuple[str, ...]:
@@ -107,7 +120,7 @@ def _write(
     return described
 
 
-def _asset(products: ObjectProducts, options: Exporting) -> Asset:
+def _asset(products: ObjectProducts, options: Exporting, looks: bool = True) -> Asset:
     if products.object_file is None:
         raise InputError(
             products.object_id, "has no Object File, which has its mass and inertia", "Make or name one."
@@ -116,9 +129,10 @@ def _asset(products: ObjectProducts, options: Exporting) -> Asset:
     (body, mass_of), contact = _body(file, products, options), _contact(file, options)
     collision = _collision(file, products, options)
     appearance = appearance_of(products, options)
-    if products.objects is not None and options.surface != "stored":
-        visual: list[Part] = mesh_parts(products.source_mesh(), appearance)
-    else:
+    visual: list[Part] = []
+    if looks and products.objects is not None and options.surface != "stored":
+        visual = mesh_parts(products.source_mesh(), appearance)
+    elif looks:
         surface, colour_of, _, finest_m = stored_colours(products, options, appearance)
         visual = [baked_part(surface, colour_of, options.texture_side, finest_m)[0]]
     credit = products.credit()

@@ -19,8 +19,9 @@ import numpy as np
 
 from objectfolder.errors import ObjectFolderError, QueryError
 from objectfolder.live import Felt, Finger, LiveSound, LiveTouch
+from objectfolder.live.gripper import shown_finger
 from objectfolder.live.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
-from objectfolder.live.opened_scene import OpenedScene, camera_over, surrounded
+from objectfolder.live.opened_scene import OpenedScene, camera_over, framed
 from objectfolder.live.sound import BLOCK_SAMPLES, SAMPLE_RATE_HZ
 from pipeline.publish.viewer.live_queries import Answer, number_of, numbers_of
 
@@ -82,7 +83,7 @@ class PlayedWorld:
         self._on_time = threading.Event()
         self._on_time.set()
         self._begin()
-        self._sight = opened.sight(self._poses)
+        self._sight = opened.sight(self._poses, dict.fromkeys(FELT_BY, shown_finger(sensor)))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -97,7 +98,7 @@ class PlayedWorld:
 
     def table(self, _: Mapping[str, Any]) -> Answer:
         """Return what the page needs before the first question."""
-        middle, reach = surrounded(self._points)
+        middle, reach = framed(self._points)
         sensor = self._world.sensor
         descriptions = {name: file.description["object"] for name, file in self._files.items()}
         return {
@@ -221,7 +222,7 @@ class PlayedWorld:
             self._news.notify_all()
 
     def _tell(self) -> None:
-        self._poses.tell({name: self._world.pose(name) for name in self._files})
+        self._poses.tell({name: self._world.pose(name) for name in (*self._files, *FELT_BY)})
         apex = np.array(self._world.sensor.gel_apex_m)
         self._apexes = [self._world.where(name, apex).tolist() for name in FELT_BY] if self._hand else []
 

@@ -58,8 +58,16 @@
     );
   }
 
+  // Hands a file to the reader.
+  function saved(content, name) {
+    const address = URL.createObjectURL(content);
+    element("a", { href: address, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(address), 10000);
+  }
+
   viewer.element = element;
   viewer.drawn = drawn;
   viewer.slider = slider;
   viewer.choice = choice;
+  viewer.saved = saved;
 })((window.objectfolderViewer ??= {}));

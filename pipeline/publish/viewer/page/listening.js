@@ -49,15 +49,7 @@
     return new Blob([wav.buffer], { type: "audio/wav" });
   }
 
-  // Hands a file to the reader.
-  function saved(content, name) {
-    const address = URL.createObjectURL(content);
-    viewer.element("a", { href: address, download: name }).click();
-    setTimeout(() => URL.revokeObjectURL(address), 10000);
-  }
-
   viewer.lastWav = lastWav;
-  viewer.saved = saved;
   viewer.audioContext = audioContext;
   viewer.play = play;
 })((window.objectfolderViewer ??= {}));

@@ -4,9 +4,10 @@
   const { ask, paint, element, slider } = viewer;
   const { dot, minus, plus, times } = viewer.algebra;
   const MOVING = { resolution: 128, sub_rays: 1 };
-  // Shown one after the other while nothing moves; the last has the files' own number of rays.
-  const RESTING = [{ resolution: 256, sub_rays: 4 }, { resolution: 512, sub_rays: null }];
+  // Shown one after the other while nothing moves: only what has moved since is drawn again.
+  const RESTING = [{ resolution: 512, sub_rays: 4 }, { resolution: 512, sub_rays: 16 }];
   const FELT_MS = 80;
+  const RECORDED_MS = 500;
   const CARRIED_MS = 15;
   const LIFTED_M = 0.1;
   const THROWN_M_S = 1.5;
@@ -42,6 +43,7 @@
       this.chosen = element("select", {}, ...bodies.map(({ body, name }) => element("option", { value: body }, name)));
       const button = (name, act) => element("button", { type: "button", onclick: () => this.try(act) }, name);
       const body = () => ({ body: this.chosen.value });
+      this.recording = button("Record clip", () => this.record());
       this.said = element("p", { class: "player-said", role: "status" });
       this.gels = ["Left finger", "Right finger"].map((name) => {
         const canvas = element("canvas", { width: gel[1], height: gel[0], role: "img", "aria-label": `${name}: image of the gel` });
@@ -76,6 +78,7 @@
             button("Let go", () => this.open()),
           ),
           element("div", { class: "player-controls" }, impulse.label, force.label, this.volume.label),
+          element("div", { class: "player-saves" }, button("Save picture", () => this.savePicture()), this.recording),
           this.said, this.pair,
         ),
       );
@@ -90,6 +93,30 @@
         pull: (x, y) => this.pull(x, y),
         drop: () => this.drop(),
       });
+    }
+
+    savePicture() {
+      this.canvas.toBlob((png) => viewer.saved(png, "table.png"));
+    }
+
+    // Records what is seen and heard until it is asked for again, then saves it.
+    record() {
+      if (this.recorder) return this.recorder.stop();
+      const heard = this.sound.recorded();
+      const stream = new MediaStream([...this.canvas.captureStream().getTracks(), ...heard.stream.getTracks()]);
+      const type = ["video/mp4", "video/webm"].find((known) => MediaRecorder.isTypeSupported(known));
+      const recorder = new MediaRecorder(stream, { mimeType: type });
+      const parts = [];
+      recorder.ondataavailable = ({ data }) => parts.push(data);
+      recorder.onstop = () => {
+        viewer.saved(new Blob(parts, { type }), `table.${type.slice("video/".length)}`);
+        heard.end();
+        this.recorder = null;
+        this.recording.textContent = "Record clip";
+      };
+      recorder.start(RECORDED_MS);
+      this.recorder = recorder;
+      this.recording.textContent = "Stop and save clip";
     }
 
     // The image's size, how often sound came too late so far, and how late it is played since.

@@ -16,6 +16,13 @@
       if (this.context.state === "suspended") this.context.resume();
     }
 
+    // What is heard from now on as a stream of its own, until `end`.
+    recorded() {
+      const node = this.context.createMediaStreamDestination();
+      this.volume.connect(node);
+      return { stream: node.stream, end: () => this.volume.disconnect(node) };
+    }
+
     // Plays until it fails. Without a device, or before a click, sound is dropped and the world goes on.
     async listen({ heard, counted }) {
       const { context } = this;
