@@ -43,13 +43,23 @@ def stable_poses(asset: Asset, *, least_probability: float = 0.05) -> list[Stabl
     """Return poses at rest of an asset's collision shapes on a plane, most probable first.
 
     Goldberg, Mirtich, Zhuang, Craig, Carlisle and Canny, "Part pose statistics" (1999), as in trimesh.
+
+    Raises
+    ------
+    InputError
+        A centre of mass outside the hull of the parts.
     """
     with needs_extra("factory"):
         import trimesh
     vertices = np.concatenate([hull.vertices for hull in asset.collision.hulls])
     hull = trimesh.convex.convex_hull(vertices)
+    centre = np.asarray(asset.body.centre_of_mass_m)
+    sides = ConvexHull(vertices).equations
+    if (sides[:, :3] @ centre + sides[:, 3] > 0).any():  # it would fall over for ever
+        finding = "its centre of mass is not within its convex parts, so it rests nowhere"
+        raise InputError(asset.name, finding, "Check that its mesh encloses a solid, or give more parts.")
     poses, shares = trimesh.poses.compute_stable_poses(
-        hull, center_mass=np.asarray(asset.body.centre_of_mass_m), sigma=0.0, n_samples=1, threshold=0.0
+        hull, center_mass=centre, sigma=0.0, n_samples=1, threshold=0.0
     )
     order = np.argsort(-shares, kind="stable")
     found = [StablePose(poses[at], float(shares[at])) for at in order if shares[at] >= least_probability]

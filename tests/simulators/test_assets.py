@@ -371,8 +371,11 @@ def test_what_would_fall_over_rests_in_its_most_probable_pose(block: Asset) -> N
     assert standing(block) is not None
     leaning = replace(block, body=replace(block.body, centre_of_mass_m=np.array([10.0, 0.0, 0.0])))
     assert standing(leaning) is None
+    with pytest.raises(InputError, match="centre of mass is not within"):
+        lay_out([leaning], seed=0)
     (pose,) = lay_out([block], seed=0, upright=True)
-    on_its_tip = replace(block, collision=ConvexParts((cone(),), 1.0, 0.0, 0.0))
+    body = replace(block.body, centre_of_mass_m=np.array([0.0, 0.0, 0.0125]))
+    on_its_tip = replace(block, body=body, collision=ConvexParts((cone(),), 1.0, 0.0, 0.0))
     (lying,) = lay_out([on_its_tip], seed=0, upright=True)
     assert pose[2, 2] == 1.0
     assert lying[2, 2] < 0.99
