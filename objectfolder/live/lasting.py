@@ -14,6 +14,7 @@ SPREAD_S = 0.01
 # A contact runs at most so much faster than the bodies move to each other: a plate that wobbles at 3 degrees.
 # Corners of a body at rest take turns too, and are not read.
 FASTEST = 20.0
+AT_REST_M_S = 1e-9  # of a contact: what it rubs is far below any hearing
 # Corners farther apart than this share of an object are different contacts.
 LEAP_SHARE = 0.2
 
@@ -117,9 +118,14 @@ class LastingContacts:
         """
         moved = self._moved_m({one.bodies for one in touching}, poses)
         until_s = time_s + self._interval_s
+        resting = self._resting(moved)
         for contact in self.contacts:
-            contact.touched = False
+            contact.touched = contact.bodies in resting
+            if contact.touched:
+                contact.add(until_s, contact.forces_n[-1], contact.paths_m[-1])
         for one in touching:
+            if one.bodies in resting:
+                continue
             frames = [poses[body] for body in one.bodies]
             points = np.stack([(one.point_m - frame[:3, 3]) @ frame[:3, :3] for frame in frames])
             normals = np.stack([one.normal @ frame[:3, :3] for frame in frames])
@@ -131,6 +137,21 @@ class LastingContacts:
         for contact in self.contacts:
             if not contact.touched and contact.forces_n[-1] > 0:
                 contact.add(until_s, 0.0, contact.paths_m[-1])
+
+    def _resting(self, moved_m: Mapping[tuple[str, str], float]) -> set[tuple[str, str]]:
+        """Return the pairs that hold each other, whose contacts have all come to rest: they make no sound.
+
+        A scene's bodies stand on tens of corners, which are then not followed one by one.
+        """
+        fastest = dict[tuple[str, str], float]()
+        for contact in self.contacts:
+            speed = float(np.abs(contact.way_m_s).max())
+            fastest[contact.bodies] = max(speed, fastest.get(contact.bodies, 0.0))
+        return {
+            pair
+            for pair, distance in moved_m.items()
+            if distance <= self._held_m_s(pair) * self._interval_s and fastest.get(pair, np.inf) < AT_REST_M_S
+        }
 
     def forget(self, time_s: float) -> None:
         """Drop what lies before a time."""
