@@ -7,7 +7,6 @@ seconds, seconds.
 
 import json
 from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +95,7 @@ class ObjectFile:
         self.sound = SoundQueries(modes, self._contacts, self.description)
         self.touch = TouchQueries(touch, self._contacts)
         self._tensors = dict(tensors)
+        self._collision: ConvexParts | None = None  # built when it is asked for
         if self.description.get("collision") is not None:
             check_parts(self._tensors, self.description["collision"])
 
@@ -166,11 +166,13 @@ class ObjectFile:
         """Longest side of the bounding box."""
         return float(np.ptp(self.bounds_m, axis=0).max())
 
-    @cached_property
+    @property
     def collision(self) -> ConvexParts | None:
         """Convex hulls that stand for the solid in simulators; None in a file that has none."""
         measures = self.description.get("collision")
-        return None if measures is None else ConvexParts.from_tensors(self._tensors, measures)
+        if self._collision is None and measures is not None:
+            self._collision = ConvexParts.from_tensors(self._tensors, measures)
+        return self._collision
 
     @property
     def fidelity(self) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ RIM_RADIUS = 1.5  # of a rim over the wall, at most
 # Stations nearer than this share of an edge are one; walls thicker than that share of an edge are no walls.
 NEAR, MOST_ACROSS = 0.3, 0.9
 # Quantile of the wall that none counts as less than.
-THIN = 0.05
+THIN_QUANTILE = 0.05
 OPPOSITE_FACING = 0.7  # cosine, at least, between the faces of a wall
 SLACK = 1.05
 # Longest edge inside the section over the longest allowed: a bulkier body is not cut into such triangles.
@@ -97,7 +97,7 @@ def _loop(body: Revolution, longest_edge: Callable[[Floats], Floats]) -> _Loop:
     )
     walls = across[np.isfinite(across)]
     if len(walls):
-        across = np.maximum(across, np.quantile(walls, THIN))  # beside a corner a ray is short
+        across = np.maximum(across, np.quantile(walls, THIN_QUANTILE))  # beside a corner a ray is short
     allowed = longest_edge(across)
     middle = (points + following) / 2
     # No edge is longer than a place near by allows by more than half of the way there.

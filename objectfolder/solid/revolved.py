@@ -22,7 +22,7 @@ from objectfolder.surface.surface import Surface
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 # Least number of steps around the axis; height of an arc over the wall at most.
-LEAST_STEPS, MOST_ARC_HEIGHT = 6, 0.3
+LEAST_AROUND, MOST_ARC_HEIGHT = 6, 0.3
 LEAST_SEGMENTS = 144  # of the round surface
 # Shares of the edges allowed, as all are as long and their diagonals longer: the first with few elements,
 # or the last.
@@ -100,8 +100,8 @@ def _levels(section: HalfSection) -> tuple[Integers, Integers]:
     off = radius > 0
     arc = MOST_ARC_HEIGHT * np.minimum(np.where(off, section.wall, 1.0) / np.where(off, radius, 1.0), 1.0)
     needed = np.maximum(2 * np.pi * radius / (SLACK * section.edge), np.pi / np.arccos(1 - arc))
-    most = max(float(needed.max()), LEAST_STEPS)
-    depth = math.floor(math.log2(most / LEAST_STEPS))
+    most = max(float(needed.max()), LEAST_AROUND)
+    depth = math.floor(math.log2(most / LEAST_AROUND))
     counts = math.ceil(most / 2**depth) * 2 ** np.arange(depth + 1)
     levels = np.minimum(np.searchsorted(counts, needed - 1e-9), depth)
     levels[radius == 0] = 0

@@ -163,13 +163,13 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     parameters.write_text(text.replace("most_parts: ", "most_parts: 1", 1))
     with chdir(root):
         assert main(["select", "--only", FIRST]) == 0
-    assert repository.repro() == [f"collision {FIRST}"]
+    assert repository.repro() == [f"collision {FIRST}", f"fidelity {FIRST}"]
     assert repository.products().keys() == before.keys()
     with chdir(root):
         assert main(["select", "--only", ""]) == 0
     table = root / "data" / "starter.csv"
     table.write_text("".join(line for line in table.open() if THIRD not in line))
-    assert repository.repro() == [f"collision {SECOND}"]
+    assert repository.repro() == [f"collision {SECOND}", f"fidelity {SECOND}"]
     assert f"does not list: {THIRD}" in capfd.readouterr().out
     assert {Path(path).name.partition(".")[0] for path in repository.products()} == {FIRST, SECOND}
     assert repository.status() == []
@@ -205,7 +205,7 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     damaged.chmod(0o644)
     damaged.write_bytes(b"damaged")
     damaged.chmod(0o444)
-    assert clone.repro() == [f"collision {FIRST}"]
+    assert clone.repro() == [f"collision {FIRST}", f"fidelity {FIRST}"]
     assert clone.products() == second
     assert clone.status() == []
     assert files_of(clone) == files_of(clone, ".dvc/cache/files/md5")

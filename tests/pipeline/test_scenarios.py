@@ -99,7 +99,7 @@ def test_row_of_a_material_that_no_object_has(workshop):
         ("      touches: 100\n", "      touches: 90\n", ("touches", "fidelity")),
         ("contact: rigid # as TACTO", "contact: elastic # as TACTO", TOUCH),
         ("sensor: digit # digit", "sensor: gelsight # digit", TOUCH),
-        ("threshold_m: null #", "threshold_m: 0.002 #", ("collision",)),
+        ("threshold_m: null #", "threshold_m: 0.002 #", ("collision", "fidelity")),
         ("steps: 1200", "steps: 1300", ("encode", "fidelity")),
         ("goal_db: -45.0", "goal_db: -41.0", ("encode", "fidelity")),
         ("\nseed: 0", "\nseed: 1", tuple(STAGES)),
@@ -255,7 +255,7 @@ def install(tmp_path_factory, monkeypatch):
         ("pytetwild", SOUND),
         ("bpy", SIGHT),
         ("numba", ("modes", "touches", "encode", "fidelity")),
-        ("coacd", ("collision",)),
+        ("coacd", ("collision", "fidelity")),
         ("torch", ("encode", "fidelity")),
         ("DracoPy", ("objects",)),  # what it makes is the same, so that nothing behind it is made
         ("dask", ()),

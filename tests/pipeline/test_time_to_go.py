@@ -18,7 +18,11 @@ from pipeline.run.flow_progress import FlowProgress
 RECORDED = Path(__file__).with_name("recorded_run.csv")
 SCANS = Path(__file__).parents[2] / "bench" / "factory" / "known_costs.csv"
 # The recorded runs are older than the stage of collision parts.
-FOLLOWS = {stage.name: sorted(stage.follows) for stage in STAGES.values() if stage.name != "collision"}
+FOLLOWS = {
+    stage.name: sorted(stage.follows - {"collision"})
+    for stage in STAGES.values()
+    if stage.name != "collision"
+}
 SECOND_MINUTE_S = 60
 TICK_S = 10
 SHORT_S = 30  # left of a run, from when on a factor of it is a few seconds

@@ -192,7 +192,7 @@ def test_the_keyboard_squeezes_and_both_gels_are_shown(played):
     page.locator("figcaption", has_text="Left finger: 4.0 N").wait_for()
     page.locator("figcaption", has_text="Right finger: 4.0 N").wait_for()
     assert page.locator(".player-touch canvas").count() == 2
-    assert page.locator(".player-ring:visible").count() == 2
+    page.wait_for_function("() => document.querySelectorAll('.player-ring:not([hidden])').length === 2")
     page.get_by_role("button", name="Let go").press("Enter")
     page.wait_for_function("() => document.querySelector('.player-touch').hidden")
     page.locator(".player-image").press("Enter")
