@@ -60,6 +60,10 @@ def add(
     dry_run
         check only; write no row and no copy
     """
+    from objectfolder.mesh.readers.face_count import refuse_many_faces
+
+    if request.decimate is None:
+        refuse_many_faces(request.mesh)  # before what checking it imports: that takes longer
     from pipeline.intake.add.addition import checked_object, put_object
     from pipeline.intake.add.preview import lines_about, preview_of
 

@@ -92,6 +92,10 @@ def build_object_file(
     SimulationError
         A stage that failed, with its error and remedy.
     """
+    from objectfolder.mesh.readers.face_count import refuse_many_faces
+
+    if building.decimate is None:
+        refuse_many_faces(building.mesh)  # before workers start
     from objectfolder.audio.materials import find_material, read_materials
     from objectfolder.mesh.looks import looks_of
     from objectfolder.mesh.mesh import textured_mesh_of

@@ -15,7 +15,9 @@ from small_meshes import write_textured_cube
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.catalogue import read_catalogue
+from objectfolder.mesh.readers import face_count
 from pipeline.cli import main
+from pipeline.cluster import dask_runner
 from pipeline.dataset.records import row_of
 from pipeline.intake.add import addition
 from pipeline.intake.add.addition import AddRequest, check_object, put_object
@@ -160,6 +162,18 @@ def test_a_mesh_in_another_unit_gets_the_length_to_state(tmp_path, capsys, scale
     assert remedy in capsys.readouterr().err
     assert add(mesh, table, "--no-preview", "--length", "0.08") == 0
     assert records(table)["cup"].length_m == 0.08
+
+
+@pytest.mark.parametrize("command", ["add", "build"])
+def test_a_mesh_of_too_many_faces_is_refused_before_anything_begins(tmp_path, capsys, monkeypatch, command):
+    monkeypatch.setattr(face_count, "MOST_FACES", 11)  # of a cube's 12
+    monkeypatch.setattr(addition, "checked_object", None)
+    monkeypatch.setattr(dask_runner, "DaskRunner", None)
+    mesh = str(write_textured_cube(tmp_path))
+    output = ("--table", str(tmp_path / "t.csv"), "--licence", "CC0-1.0")
+    output = output if command == "add" else ("--output", str(tmp_path / "cube.safetensors"), "--yes")
+    assert main([command, mesh, "--material", "steel", "--length", "0.1", *output]) == 1
+    assert "has 12 faces, and an Object File at most" in capsys.readouterr().err
 
 
 def test_a_normalised_mesh_is_asked_about(tmp_path, capsys):
