@@ -1,19 +1,24 @@
 """The pictures of README and docs/results.md, drawn from a finished data set.
 
 Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes into docs/. ``hero.png`` is
-what Object Files answer. ``sight.png``, ``touch.png`` and ``sound.png`` are held-out queries beside the
-truth: views are the best lit of each object, touches those with the largest contact.
+what Object Files answer, ``live_sight.png`` the scene of ``objectfolder demo``. ``sight.png``, ``touch.png``
+and ``sound.png`` are held-out queries beside the truth: views are the best lit of each object, touches those
+with the largest contact.
 """
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import matplotlib
+import mujoco
 import numpy as np
 
-import objectfolder
 from bench.record import REPOSITORY, arguments
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ, stored_strike
+from objectfolder.live import MujocoSimulation
+from objectfolder.live.opened_scene import OpenedScene, camera_over
 from objectfolder.products.store import Product, read_product
+from pipeline.publish.demo import write_demo
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
@@ -25,22 +30,38 @@ TOUCHED = 4
 GREY, DIFFERENCE_FACTOR = 128, 8
 
 
-def draw_hero(path: Path, data: Path, products: dict[str, Product]) -> None:
-    """Draw each object in a studio; below it the touch with the largest contact and a strike take turns."""
-    bare = {"frame_on": False, "xticks": [], "yticks": []}
-    figure, axes = pyplot.subplots(2, len(products), figsize=(15, 4), height_ratios=(3, 2), subplot_kw=bare)
-    for index, (name, product) in enumerate(products.items()):
-        file = objectfolder.load(data / "object_files" / f"{name}.safetensors")
-        shown = file.pictures(1, 512)[0]
-        axes[0, index].imshow(shown[np.ix_((shown < 255).any((1, 2)), (shown < 255).any((0, 2)))])
-        touches = product["touch_answer"]
-        if index % 2 == 0 and "strike_steps" in product:
-            level = _level(_frames(stored_strike(product, 1, 0)))[:, :512].T
-            axes[1, index].imshow(level, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB)
-        else:
-            axes[1, index].imshow(touches[touches.reshape(len(touches), -1).std(axis=1).argmax()])
-    figure.savefig(path, dpi=90, bbox_inches="tight")
+def draw_hero(path: Path, products: dict[str, Product], name: str) -> None:
+    """Draw objects that are seen on a table, one that is struck, and one that is felt."""
+    figure, axes = pyplot.subplots(
+        1, 3, figsize=(15, 4.6), width_ratios=(1.75, 1.2, 0.8), layout="constrained"
+    )
+    axes[0].imshow(table((700, 1000)))
+    axes[0].set_title("Seen: four Object Files on a table")
+    level = _level(_frames(stored_strike(products[name], 1, 0)))
+    image = axes[1].imshow(
+        level.T, origin="lower", aspect="auto", cmap="magma", vmin=-RANGE_DB, vmax=0,
+        extent=(0, SHOWN_S, 0, SAMPLE_RATE_HZ / 2000),
+    )  # fmt: skip
+    axes[1].set(title=f"Heard: the {name}, struck", xlabel="time, s", ylabel="frequency, kHz", ylim=(0, 20))
+    figure.colorbar(image, ax=axes[1], label="level, dB")
+    touches = products[name]["touch_answer"]
+    axes[2].imshow(touches[touches.reshape(len(touches), -1).std(axis=1).argmax()])
+    axes[2].set_title(f"Felt: the {name}, by a DIGIT")
+    for axis in (axes[0], axes[2]):
+        axis.set(frame_on=False, xticks=[], yticks=[])
+    figure.savefig(path, dpi=90)
     pyplot.close(figure)
+
+
+def table(size: tuple[int, int]) -> np.ndarray:
+    """The scene of ``objectfolder demo`` as it begins, (height, width, 3) uint8."""
+    with TemporaryDirectory() as folder:
+        opened = OpenedScene.of(write_demo(Path(folder)))
+        simulation = MujocoSimulation(opened.model, mujoco.MjData(opened.model))
+        camera = camera_over(opened.points(simulation))
+        image = opened.sight(simulation).image(camera, size, sub_rays=16)
+    rgb: np.ndarray = image.rgb
+    return rgb
 
 
 def best_lit(fidelity: Product) -> int:
@@ -125,7 +146,8 @@ def main() -> None:
         for path in sorted((given.data / "fidelity").glob("*.zarr.zip"))
     }
     folder = REPOSITORY / "docs"
-    draw_hero(folder / "hero.png", given.data, products)
+    draw_hero(folder / "hero.png", products, given.strike)
+    pyplot.imsave(folder / "live_sight.png", table((360, 480)))
     pyplot.imsave(folder / "sight.png", sight(list(products.values())))
     pyplot.imsave(folder / "touch.png", touch(list(products.values())))
     draw_strike(folder / "sound.png", products[given.strike], given.strike)
