@@ -54,7 +54,6 @@ def build(
     """
     import objectfolder
     from pipeline.cli.doubtful_size import confirm_size
-    from pipeline.publish.queries.description import fidelity_lines
     from pipeline.run.single_build import build_object_file
 
     check_new_file(output, overwrite=overwrite)
@@ -75,6 +74,8 @@ def build(
     print(f"looks        {built.looks}")
     for warning in built.warnings:
         print(f"warning      {warning}")
+    from pipeline.publish.queries.description import fidelity_lines  # a refused mesh needs none of it
+
     print("\n".join(fidelity_lines(objectfolder.load(output))))
     steps = ", ".join(f"{name} {value:.1f}" for name, value in built.cpu_s.items())
     print(f"cost         {sum(built.cpu_s.values()):.1f} CPU-s ({steps})")
