@@ -29,7 +29,8 @@ FIRST_LEVELS, NEARER_LEVELS = np.array([0.05, 0.1, 0.2, 0.3, 0.45, 0.6]), np.ara
 # A border that leaves so much more unexplained is no better; and what the best may leave: round objects leave
 # less than half of it.
 BORDER_ROUNDS, WORSE, UNEXPLAINED_BEYOND = 3, 1.5, 0.15
-# Of a departure from the response, beside the largest within so many pixels; and beside a usual one.
+# The border is where the departure from the response is this share of the largest within `RIM_PX` pixels, and
+# at least that share of a usual departure.
 BORDER_SHARE, RIM_PX, LEAST_DEPARTURE = 0.5, 3, 0.2
 # Pixels at the border that slopes are not taken from, and beyond it, where the shape is carried on.
 UNSURE_PX, CARRIED_PX = 2, 5

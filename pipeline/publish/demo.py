@@ -15,8 +15,8 @@ def write_demo(folder: Path) -> Path:
     """Write the scene of all examples into a folder; return its path."""
     names = [str(path) for path in sorted(EXAMPLES.glob("*.safetensors"))]
     scene = folder / "scene.xml"
-    asked = Exporting(format="mjcf", seed=SEED)
-    compose_scene(names, folder, asked, scene, table_m=None, height_m=0.0, upright=True, looks=False)
+    request = Exporting(format="mjcf", seed=SEED)
+    compose_scene(names, folder, request, scene, table_m=None, height_m=0.0, upright=True, looks=False)
     return scene
 
 

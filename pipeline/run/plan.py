@@ -199,9 +199,9 @@ def _plan(
     wall = {}
     for number in sorted({1, machines.workers, *workers}):
         hosts = math.ceil(number / machines.slots)
-        work_s = times * sum(one.cpu_s for one in every) / number
+        work_s = times * sum(estimate.cpu_s for estimate in every) / number
         bounded_s = times * sum(
-            one.cpu_s / min(number, hosts * machines.beside(one.memory_bytes)) for one in every
+            estimate.cpu_s / min(number, hosts * machines.beside(estimate.memory_bytes)) for estimate in every
         )
         wall[number] = WallTime(max(work_s, chain_s), max(bounded_s, chain_s))
     by_name = {name: _stage_plan(name, tasks, counts or {}, times) for name in stages}

@@ -182,8 +182,8 @@ def test_numbers_behind_the_position_of_an_obj(tmp_path, rows, colour, remark):
     mesh = load_mesh(write_obj_box(tmp_path, mtllib="", textured=False, change=change))
     np.testing.assert_allclose(mesh.extents, OBJ_SIDES, rtol=1e-12)
     np.testing.assert_allclose(colours_at(mesh, POINTS), np.tile(colour, (4, 1)), atol=1)
-    said = [line for line in mesh.remarks if "texture coordinates" not in line]
-    assert [remark in line for line in said] == [True] * bool(remark)
+    remarks = [line for line in mesh.remarks if "texture coordinates" not in line]
+    assert [remark in line for line in remarks] == [True] * bool(remark)
 
 
 @pytest.mark.parametrize(
@@ -270,8 +270,8 @@ def test_colours_of_an_off_and_of_a_3mf_that_are_said(tmp_path):
     clear = load_mesh(write_text(tmp_path / "b.off", off_text("COFF\n", vertex=" 200 30 30 60")))
     path = three_mf(tmp_path / "box.3mf")
     changed(path, (b"#C81E1E", b"#C81E1E40"), (b"<triangle ", b"<triangle paint_color='8' "))
-    said = [line for mesh in (numbered, clear, load_mesh(path)) for line in mesh.remarks]
-    assert [word in line for word, line in zip(("table", "alpha", "painted", "alpha"), said, strict=True)]
+    remarks = [line for mesh in (numbered, clear, load_mesh(path)) for line in mesh.remarks]
+    assert [word in line for word, line in zip(("table", "alpha", "painted", "alpha"), remarks, strict=True)]
 
 
 def test_materials_of_a_collada_that_no_node_binds(tmp_path):

@@ -64,27 +64,27 @@ def test_a_rendering_is_never_taken_for_one_without_its_child(tmp_path):
 
 def test_typical_costs_are_the_means_of_the_scans_and_their_memory_that_of_nearly_all():
     assert TYPICAL.keys() == STAGES.keys()
-    known = last_costs(read_costs(SCANS))
+    recorded = last_costs(read_costs(SCANS))
     for stage, typical in TYPICAL.items():
-        costs = [cost for (_, made_by), cost in known.items() if made_by == stage]
+        costs = [cost for (_, made_by), cost in recorded.items() if made_by == stage]
         assert typical.cpu_s == pytest.approx(np.mean([cost.cpu_s for cost in costs]), rel=0.02)
         assert np.mean([cost.memory_bytes > typical.memory_bytes for cost in costs]) <= 0.085, stage
 
 
 def test_typical_costs_follow_the_parameters(tmp_path):
-    one = Estimate(1.0, 10**8, 10**6)
+    typical = Estimate(1.0, 10**8, 10**6)
     params, learned = REPOSITORY / "params.yaml", tmp_path / "params.yaml"
     learned.write_text(params.read_text().replace("material: known", "material: learned"))
     for size, share in (("default", 1.0), ("small", 0.5125)):  # a quarter of the steps, .65 of the seconds
-        assert scaled("encode", one, read_parameters(learned, size)).cpu_s == pytest.approx(share)
-        assert scaled("encode", one, read_parameters(params, size)).cpu_s == pytest.approx(0.35)
+        assert scaled("encode", typical, read_parameters(learned, size)).cpu_s == pytest.approx(share)
+        assert scaled("encode", typical, read_parameters(params, size)).cpu_s == pytest.approx(0.35)
     default, paper = (read_parameters(params, size) for size in ("default", "paper"))
     rays = 128**2 * (100 * 32 + 12 * 256)
-    assert scaled("views", one, default).cpu_s == pytest.approx(128**2 * (24 * 32 + 12 * 256) / rays)
-    assert scaled("views", one, paper).cpu_s == pytest.approx(256**2 * (500 * 32 + 20 * 256) / rays)
-    assert scaled("touches", one, default) == one
-    assert scaled("touches", one, paper).product_bytes == pytest.approx(10**6 * 5500 / 150)
-    assert scaled("modes", one, paper) == one
+    assert scaled("views", typical, default).cpu_s == pytest.approx(128**2 * (24 * 32 + 12 * 256) / rays)
+    assert scaled("views", typical, paper).cpu_s == pytest.approx(256**2 * (500 * 32 + 20 * 256) / rays)
+    assert scaled("touches", typical, default) == typical
+    assert scaled("touches", typical, paper).product_bytes == pytest.approx(10**6 * 5500 / 150)
+    assert scaled("modes", typical, paper) == typical
 
 
 @pytest.mark.parametrize(
