@@ -57,6 +57,18 @@ def pytest_configure(config: pytest.Config) -> None:
     drawn_examples.load_profile(many=release == "all")
 
 
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Name a failure as it happens: a run that is ended from outside prints no summary."""
+    if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
+        print(f"\nFAILED {report.nodeid} ({report.when}): {_last_line(report)}", flush=True)
+
+
+def _last_line(report: pytest.TestReport) -> str:
+    """Return the line that pytest's summary gives of a failure."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    return str(crash.message if crash else report.longrepr or "").strip().partition("\n")[0]
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _dvc_keeps_to_itself(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """What DVC knows of files of repositories of tests goes with them."""
