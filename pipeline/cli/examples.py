@@ -57,6 +57,7 @@ EXAMPLES = {
         "export mug bell --format mjcf -o assets",
     ),
     "export-samples": ("export-samples mug.safetensors --sense touch --queries 64 -o samples",),
+    "gallery": ("gallery mug.safetensors bell.safetensors -o site", "gallery data/object_files -o site"),
     "scene": ("scene mug bell fork -o table/scene.xml",),
     "demo": ("demo",),
     "play": ("play table/scene.xml", "play table/scene.xml -o table/clip.mp4"),

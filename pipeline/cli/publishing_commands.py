@@ -1,4 +1,4 @@
-"""Commands around a published data set: cards, get, export, play."""
+"""Commands around a published data set: cards, get, export, gallery, play."""
 
 import json as json_text
 from pathlib import Path
@@ -8,7 +8,17 @@ from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
 from objectfolder.errors import InputError
-from pipeline.cli.options import AtLeastOne, Fields, Json, Output, Overwrite, Remote, Root
+from pipeline.cli.options import (
+    AtLeastOne,
+    Fields,
+    Json,
+    Materials,
+    ObjectFilePath,
+    Output,
+    Overwrite,
+    Remote,
+    Root,
+)
 from pipeline.cli.output_paths import check_new_file
 from pipeline.cli.printing import (
     FAILED,
@@ -21,6 +31,7 @@ from pipeline.cli.printing import (
     status_line,
 )
 from pipeline.cli.usage import UsageError
+from pipeline.dataset.project_files import MATERIALS
 from pipeline.publish.queries.requests import Exporting
 
 
@@ -185,6 +196,37 @@ def scene(
         summary = compose_scene(
             names, root, request, output, table_m=table_m, height_m=height_m, upright=poses == "upright"
         )
+    print_result(summary, json=json)
+
+
+def gallery(
+    *files: ObjectFilePath,
+    output: Output,
+    title: str = "Objects to see, hear and feel",
+    materials: Materials = MATERIALS,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """Write a folder of pages that any web server hosts: Object Files to turn, strike and press.
+
+    Parameters
+    ----------
+    files
+        Object Files, or folders of them
+    output
+        a folder that does not exist yet
+    title
+        heading of the first page
+    """
+    with status_line("writing a gallery") as show:
+        from objectfolder.audio.materials import read_materials
+        from pipeline.publish.gallery.site import write_gallery
+        from pipeline.publish.viewer.static import object_files_of
+
+        summary = write_gallery(
+            object_files_of(files), output, read_materials(materials), title=title, overwrite=overwrite,
+            progress=lambda object_id: show(f"writing a gallery: {object_id}"),
+        )  # fmt: skip
     print_result(summary, json=json)
 
 

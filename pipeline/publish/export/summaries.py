@@ -43,4 +43,6 @@ class SceneSummary:
     table_m: float
 
     def __str__(self) -> str:
-        return f"{self.file}: {len(self.objects)} objects at rest on a table of {self.table_m:g} m"
+        count = len(self.objects)
+        things = f"{count} object{'' if count == 1 else 's'}"
+        return f"{self.file}: {things} at rest on a table of {self.table_m:g} m"

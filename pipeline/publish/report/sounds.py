@@ -19,13 +19,18 @@ SHADES = 64
 
 def short_sound(fidelity: Product) -> bytes:
     """Return a WAV of the first `SHORT_S` seconds of the first strike, at half the sample rate."""
-    length = int(SHORT_S * SAMPLE_RATE_HZ) // 2
-    kept = stored_strike(fidelity, 1, 0)[: 2 * length].reshape(length, 2).mean(axis=1)
+    return wav_of(stored_strike(fidelity, 1, 0)[: int(SHORT_S * SAMPLE_RATE_HZ)], SAMPLE_RATE_HZ)
+
+
+def wav_of(sound: np.ndarray, sample_rate_hz: float) -> bytes:
+    """Return a WAV of (n,) samples at half their rate, as loud as 16 bits hold; it fades out."""
+    length = len(sound) // 2
+    kept = sound[: 2 * length].reshape(length, 2).mean(axis=1)
     kept[-length // 4 :] *= np.linspace(1, 0, len(kept[-length // 4 :]))
     levels = np.rint(kept * (32767 * listening_gain(float(np.abs(kept).max())))).astype("<i2")
     buffer = io.BytesIO()
     with wave.open(buffer, "wb") as file:
-        file.setparams((1, 2, round(SAMPLE_RATE_HZ / 2), length, "NONE", ""))
+        file.setparams((1, 2, round(sample_rate_hz / 2), length, "NONE", ""))
         file.writeframes(levels.tobytes())
     return buffer.getvalue()
 

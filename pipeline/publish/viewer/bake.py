@@ -2,20 +2,22 @@
 
 The surface is stored exactly (its own grid of steps), with the colour that the VisionNet's reflectance
 amounts to on a lattice of its faces. Sound is stored as what AudioNet answers at some hundred places, drawn
-uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's.
+uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's. At the first of these
+places that the sensor reaches, its pictures are stored, too.
 """
 
+import base64
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from objectfolder.audio.audionet.audionet import AudioNet, control_barycentric
 from objectfolder.errors import FormatError
+from objectfolder.fidelity.sheets import webp
 from objectfolder.object_file import ObjectFile
-from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
 from objectfolder.vision.network.face_lattice import FaceLattice
@@ -26,6 +28,9 @@ from pipeline.publish.viewer import FORMAT
 MOST_GAINS = 190_000
 LEAST_PLACES, MOST_PLACES = 200, 500
 GAIN_STEPS = 127
+PRESSED_PLACES = 128  # of them those that the sensor reaches have pictures, so many a row
+SHEET_COLUMNS = 16
+PRESS_DEPTH_M = 0.001
 # An export has 24, for it is lit anew elsewhere. With these, colours differ by less than shadows do.
 LIGHT_DIRECTIONS = 4
 # Between places of colours, unit-frame lengths: the finest that has no more places.
@@ -50,8 +55,11 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     arrays["positions"] = np.diff(grid, axis=0, prepend=0).astype(np.int32)
     arrays["faces"] = np.diff(surface.faces.ravel(), prepend=0).astype(np.int32)
     arrays |= surface_colours(file)
-    sound, of_sound = baked_sound(file.modes, surface)
-    arrays |= of_sound
+    places = stored_places(file)
+    arrays |= {"place_faces": places.face, "place_barycentric": places.barycentric}
+    sound, gains = baked_sound(file.modes, places.points)
+    touch, reached = baked_touch(file, places.points)
+    arrays |= gains | reached
     described, data = packed(arrays)
     said = file.description["object"]
     material = file.description["material"] or {}
@@ -66,6 +74,7 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
         "radiance_scale": file.vision.radiance_scale,
         "surface": {"origin": origin.tolist(), "step": step},
         "sound": sound,
+        "touch": touch,
         "listening_gain": listening_gain(file),
         "brightness": {name: brightness(file, name) for name in STUDIOS},
         "arrays": described,
@@ -73,24 +82,55 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     return header, data
 
 
-def baked_sound(modes: AudioNet, surface: Surface) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return modes for the header, and the places of gains with these."""
-    count = len(modes.eigenvalues)
+class Places(NamedTuple):
+    """Places of stored answers: faces (n,) int32, two barycentric coordinates (n, 2) uint8, points (n, 3)."""
+
+    face: np.ndarray
+    barycentric: np.ndarray
+    points: np.ndarray
+
+
+def stored_places(file: ObjectFile) -> Places:
+    """Return where a player has answers: drawn uniformly by area, as many as their gains have room."""
+    count = MOST_GAINS // (3 * max(1, len(file.modes.eigenvalues)))
+    drawn = file.surface.sample(min(MOST_PLACES, max(LEAST_PLACES, count)), seed=0)
+    barycentric = np.floor(255 * drawn.barycentric[:, :2]).astype(np.uint8)
+    points = file.surface.points_at(drawn.face, control_barycentric(barycentric))
+    return Places(drawn.face.astype(np.int32), barycentric, points)
+
+
+def baked_sound(modes: AudioNet, points: np.ndarray) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return modes for the header, and their gains at places."""
     header: dict[str, Any] = {
         "eigenvalues": modes.eigenvalues.tolist(),
         "dampings_per_s": modes.dampings_per_s.tolist(),
     }
-    if not count:
+    if not len(modes.eigenvalues):
         return header, {}
-    places = surface.sample(min(MOST_PLACES, max(LEAST_PLACES, MOST_GAINS // (3 * count))), seed=0)
-    barycentric = np.floor(255 * places.barycentric[:, :2]).astype(np.uint8)
-    gains = modes.gains(surface.points_at(places.face, control_barycentric(barycentric)))
+    gains = modes.gains(points)
     scale = np.maximum(np.abs(gains).max(axis=(0, 1), initial=0.0), 1e-300) / GAIN_STEPS
     return header | {"gain_steps": scale.tolist()}, {
-        "place_faces": places.face.astype(np.int32),
-        "place_barycentric": barycentric,
-        "gains": np.rint(gains / scale).astype(np.int8).transpose(2, 1, 0),
+        "gains": np.rint(gains / scale).astype(np.int8).transpose(2, 1, 0)
     }
+
+
+def baked_touch(file: ObjectFile, points: np.ndarray) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return a sheet of the sensor's pictures for the header, and the places of which it has them."""
+    touches = file.press(points[:PRESSED_PLACES], PRESS_DEPTH_M)
+    reached = np.flatnonzero(touches.reachable)
+    height, width = touches.rgb.shape[1:3]
+    rows = -(-len(reached) // SHEET_COLUMNS)
+    sheet = np.zeros((rows, SHEET_COLUMNS, height, width, 3), np.uint8)
+    sheet.reshape(-1, height, width, 3)[: len(reached)] = touches.rgb[reached]
+    pictures = webp(sheet.swapaxes(1, 2).reshape(rows * height, -1, 3)) if rows else np.zeros(0, np.uint8)
+    return {
+        "sensor": file.touch.net.sensor.name,
+        "depth_m": PRESS_DEPTH_M,
+        "height": height,
+        "width": width,
+        "columns": SHEET_COLUMNS,
+        "sheet": f"data:image/webp;base64,{base64.b64encode(pictures.tobytes()).decode()}",
+    }, {"reached_places": reached.astype(np.int32)}
 
 
 def surface_colours(file: ObjectFile) -> dict[str, np.ndarray]:

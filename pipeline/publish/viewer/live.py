@@ -29,14 +29,13 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.publish.viewer.live_queries import Answer, LiveObjects
-from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS
+from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS, object_files_of
 
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
 TOKEN = "token"
 FIRST_USER, NOBODY = 1000, 65_534  # ids of people on Linux
 IMAGE_THREADS = 4  # as many parts as the page asks for at once
-FILES_OF = "*.safetensors"  # a folder
 STYLES = ("player.css", "live.css")
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 # The browser takes nothing from elsewhere, and keeps nothing.
@@ -237,9 +236,7 @@ def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:
     InputError
         A port that cannot be had, or a folder without Object Files.
     """
-    files = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
-    if not files:
-        raise InputError(" ".join(map(str, paths)) or "FILE", f"no Object File ({FILES_OF})", "Name one.")
+    files = object_files_of(paths)
     one_thread_each()
     serve_until_stopped(paths[0], page_of_objects(LiveObjects(files)), port, open_browser)
 

@@ -7,6 +7,7 @@ Nothing is fetched: everything works in a page opened from disk.
 
 import base64
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from objectfolder.errors import InputError
@@ -14,6 +15,7 @@ from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import file_digest
 from pipeline.publish.viewer import FORMAT
 
+FILES_OF = "*.safetensors"  # a folder
 PAGE = Path(__file__).parent / "page"
 SHARED_SCRIPTS = (
     "algebra.js",
@@ -34,6 +36,20 @@ STATIC_SCRIPTS = (
     "stored_object.js",
     "player.js",
 )
+
+
+def object_files_of(paths: Sequence[Path]) -> list[Path]:
+    """Return Object Files, and those in folders.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    files = [file for path in paths for file in (sorted(path.glob(FILES_OF)) if path.is_dir() else [path])]
+    if not files:
+        raise InputError(" ".join(map(str, paths)) or "FILE", f"no Object File ({FILES_OF})", "Name one.")
+    return files
 
 
 def write_player(object_file: Path, folder: Path, object_id: str, cache: Path | None = None) -> Path:

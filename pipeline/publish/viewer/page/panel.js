@@ -140,7 +140,7 @@
     _toolChosen(tool) {
       this.settings.tool = tool;
       this.strikeControls.hidden = tool !== "strike";
-      this.pressControls.hidden = tool !== "press";
+      this.pressControls.hidden = tool !== "press" || Boolean(this.object.facts.pressDepth);
       this.actButton.textContent = tool === "strike" ? "Strike the middle" : "Press the middle";
       this.answer.replaceChildren();
       const silent = !this.object.facts.frequencies.length;
@@ -244,7 +244,8 @@
 
     async _press(x, y, orbit) {
       const { depth, tilt, azimuth } = this.settings;
-      const asked = { depth: depth / 1000, tilt, azimuth };
+      const fixed = this.object.facts.pressDepth; // where presses are stored
+      const asked = fixed ? { depth: fixed, tilt: 0, azimuth: 0 } : { depth: depth / 1000, tilt, azimuth };
       const answer = await this.object.press(orbit, x, y, asked);
       if (!answer) return this._missed();
       this.last = { hit: { x, y, orbit, point: answer.point }, press: { ...asked, point: answer.point, normal: answer.normal } };

@@ -1,14 +1,13 @@
-// The gains of modes at the stored place that is nearest, and the sound that they make.
+// The gains of modes at stored places, and the sound that they make.
 "use strict";
 (function (viewer) {
-  const { dot, minus } = viewer.algebra;
   // Modes nearer to half the sample rate than this would sound at another pitch (`synthesis.oscillators`).
   const HIGHEST_RATIO = 0.454;
   // A mode ends where it has fallen to this fraction.
   const FLOOR = 1e-6;
 
   class StoredModes {
-    constructor(header, arrays, surface) {
+    constructor(header, arrays, places) {
       const { eigenvalues, dampings_per_s } = header.sound;
       this.dampings = dampings_per_s;
       this.eigenvalues = eigenvalues;
@@ -18,21 +17,7 @@
       if (!eigenvalues.length) return;
       this.steps = header.sound.gain_steps;
       this.gains = arrays.gains;
-      this.places = Array.from(arrays.place_faces, (face, place) => {
-        const [first, second] = [0, 1].map((at) => arrays.place_barycentric[2 * place + at] / 255);
-        return surface.placeOn(face, [first, second, 1 - first - second]);
-      });
-    }
-
-    // The nearest stored place on the side of the surface that faces as this one does.
-    nearest({ point, normal }) {
-      let [best, least] = [0, Infinity];
-      this.places.forEach((place, index) => {
-        const away = minus(place.point, point);
-        const apart = dot(away, away) * (dot(place.normal, normal) > 0 ? 1 : 16);
-        if (apart < least) [best, least] = [index, apart];
-      });
-      return best;
+      this.places = places;
     }
 
     // Velocity along the normal, m/s, that an impulse (newton seconds) gives each mode at a stored place.
