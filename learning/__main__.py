@@ -3,20 +3,24 @@
 import argparse
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in
+from learning.dask_workers import joined
 from learning.grasping import stability, touch_policy
 from learning.grasping.clips import FOLDER as CLIPS
 from learning.grasping.clips import write_clips
-from learning.page import PAGE, write_page
-from learning.runs import Objects
+from learning.page import PAGE, settings_path, write_page
+from learning.runs import Objects, code_digest
 from learning.settings import Settings, read_settings
-from learning.workers import Workers, joined
+from learning.workers import Workers
 
 FOLDER = Path("learning")
+CODE = FOLDER / "code.json"
 TASKS = {
     "recognition": recognition.evaluate,
     "retrieval": retrieval.evaluate,
@@ -30,13 +34,16 @@ TASKS = {
 def main() -> None:
     """Run one task, or all of them and the page."""
     parser = argparse.ArgumentParser(prog="python -m learning", description=__doc__)
-    parser.add_argument("task", choices=[*TASKS, "clips", "page", "all"])
+    parser.add_argument("task", choices=[*TASKS, "clips", "code", "page", "all"])
     parser.add_argument("--objects", type=int, metavar="N", help="take the first N objects alone")
     parser.add_argument("--cluster", metavar="PLACE", help="of cluster/, where it runs")
     parser.add_argument("--params", type=Path, default=FOLDER / "params.yaml")
     parser.add_argument("--results", type=Path, default=FOLDER / "results", metavar="FOLDER")
     parser.add_argument("--page", type=Path, default=PAGE, metavar="FILE")
     arguments = parser.parse_args()
+    if arguments.task == "code":
+        _write_code_digests()
+        return
     # The networks are small: beside other work, threads that wait for one another take five times as long.
     torch.set_num_threads(1)
     settings = read_settings(arguments.params)
@@ -55,10 +62,20 @@ def _evaluate(task: str, objects: Objects, settings: Settings, workers: Workers,
     began = time.perf_counter()
     figures = TASKS[task](objects, settings, workers)
     print(f"{task}: {len(objects)} objects, {time.perf_counter() - began:.0f} s", flush=True)
-    results.mkdir(parents=True, exist_ok=True)
-    content = {"objects": list(objects.ids), "settings": settings.model_dump(), **figures}
-    text = json.dumps(content, indent=1, sort_keys=True) + "\n"
-    (results / f"{task}.json").write_text(text, encoding="utf-8")
+    path = results / f"{task}.json"
+    _write(path, figures)
+    _write(settings_path(path), {"objects": list(objects.ids), "settings": settings.model_dump()})
+
+
+def _write_code_digests() -> None:
+    """Write a digest of the code of each task and of the page, by which DVC tells a comment from a change."""
+    tasks = {task: code_digest(evaluate.__module__) for task, evaluate in TASKS.items()}
+    _write(CODE, tasks | {"page": code_digest(write_page.__module__)})
+
+
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -84,7 +84,7 @@ def encoded(
         "data": settings.data.model_dump(exclude={"root", "objects"}),
         "encoder": settings.encoder.model_dump(), "files": objects.digests,
     }  # fmt: skip
-    stored = kept(key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
+    stored = kept(__name__, key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
     return _unpacked(stored)
 
 

@@ -1,11 +1,14 @@
 """What the tasks are measured by."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
+from scipy.stats import beta, bootstrap
 
 Floats = NDArray[np.float64]
 Labels = NDArray[np.int64]
+RESAMPLES = 10_000
 
 
 def binomial_interval(hits: int, trials: int, level: float = 0.95) -> tuple[float, float]:
@@ -16,8 +19,56 @@ def binomial_interval(hits: int, trials: int, level: float = 0.95) -> tuple[floa
     return float(low), float(high)
 
 
-def mean_average_precision(similarity: Floats, queries: Labels, gallery: Labels, seed: int) -> float:
-    """Return the mAP of a retrieval: positives are of the query's object, and the whole ranking counts.
+def means_by_object(values: Floats, labels: Labels) -> dict[int, float]:
+    """Return the mean of each object's tests.
+
+    Parameters
+    ----------
+    values, labels
+        (n,) of each test.
+    """
+    return {label: float(np.mean(values[labels == label])) for label in np.unique(labels).tolist()}
+
+
+def interval_over_objects(means: Sequence[float] | Floats, level: float = 0.95) -> tuple[float, float]:
+    """Return the interval of a mean over objects, by resampling objects.
+
+    Tests of one object are not independent: the object is the unit. The bootstrap is that of Efron (1987),
+    bias-corrected and accelerated. Objects that are all alike have an interval without length.
+
+    Parameters
+    ----------
+    means
+        The mean of each object's tests.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two objects.
+    """
+    values = np.asarray(means, dtype=np.float64)
+    if len(values) < 2:
+        raise ValueError(f"{len(values)} objects; an interval over objects needs two")
+    if np.ptp(values) == 0:
+        return float(values[0]), float(values[0])
+    answer = bootstrap((values,), np.mean, confidence_level=level, n_resamples=RESAMPLES, rng=0)
+    return float(answer.confidence_interval.low), float(answer.confidence_interval.high)
+
+
+def share_interval(shares: Sequence[float] | Floats, level: float = 0.95) -> tuple[float, float]:
+    """Return the interval of a share of right answers over objects, as `interval_over_objects`.
+
+    Where every object has all of its tests right, or none, resampling sees no doubt: the interval is that of
+    one test an object (`binomial_interval`).
+    """
+    values = np.asarray(shares, dtype=np.float64)
+    if np.ptp(values) == 0 and values[0] in (0.0, 1.0):
+        return binomial_interval(int(values.sum()), len(values), level)
+    return interval_over_objects(shares, level)
+
+
+def average_precisions(similarity: Floats, queries: Labels, gallery: Labels, seed: int) -> Floats:
+    """Return the average precision (queries,) of each query: the whole ranking counts.
 
     Parameters
     ----------
@@ -32,7 +83,12 @@ def mean_average_precision(similarity: Floats, queries: Labels, gallery: Labels,
     ranked = order[np.argsort(-similarity[:, order], axis=1, kind="stable")]
     relevant = gallery[ranked] == queries[:, None]
     precision = np.cumsum(relevant, axis=1) / np.arange(1, len(gallery) + 1)
-    return float(np.mean((precision * relevant).sum(axis=1) / relevant.sum(axis=1)))
+    return np.asarray((precision * relevant).sum(axis=1) / relevant.sum(axis=1))
+
+
+def mean_average_precision(similarity: Floats, queries: Labels, gallery: Labels, seed: int) -> float:
+    """Return the mean of `average_precisions`: positives are of the query's object."""
+    return float(np.mean(average_precisions(similarity, queries, gallery, seed)))
 
 
 def chance_average_precision(queries: Labels, gallery: Labels) -> float:

@@ -18,7 +18,7 @@ from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
 from learning.networks import DEVICE
-from learning.runs import Objects, code_digests, kept
+from learning.runs import Objects, kept
 from learning.settings import Reconstruction
 from learning.shapes import (
     HALF_SIDE,
@@ -95,8 +95,8 @@ def shapes_of(objects: Objects) -> Shapes:
     """Return the shapes of objects; an open surface has no inside and is left out."""
     meshes = {label: unit_mesh(file) for label, file in enumerate(objects.files.values())}
     meshes = {label: mesh for label, mesh in meshes.items() if mesh.is_watertight}
-    key = {"unit": "points", "files": objects.digests, "code": code_digests(("occupancy", "shapes"))}
-    arrays = kept(key, lambda: _labelled(meshes))
+    key = {"unit": "points", "files": objects.digests}
+    arrays = kept(__name__, key, lambda: _labelled(meshes))
     points = torch.from_numpy(arrays["points"])
     occupied = np.unpackbits(arrays["occupied"], axis=1, count=len(points))
     return Shapes(meshes, points, torch.from_numpy(occupied).bool())

@@ -51,7 +51,7 @@ class Item(NamedTuple):
 
 def write_page(objects: Objects, settings: Settings, results: Path, path: Path = PAGE) -> None:
     """Write the page from the figures of all tasks."""
-    figures = {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in results.glob("*.json")}
+    figures = {file.stem: _json(file) | _json(settings_path(file)) for file in results.glob("*.json")}
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )
@@ -68,6 +68,15 @@ def write_page(objects: Objects, settings: Settings, results: Path, path: Path =
     )
     path.parent.mkdir(exist_ok=True)
     path.write_text(text, encoding="utf-8")
+
+
+def settings_path(figures: Path) -> Path:
+    """Return the file of settings and objects that figures are of; among figures they would be metrics."""
+    return figures.parent / "settings" / figures.name
+
+
+def _json(path: Path) -> dict[str, Any]:
+    return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _address(kind: str, content: bytes) -> str:
@@ -124,7 +133,7 @@ def _retrieved(objects: Objects, settings: Settings) -> Iterator[tuple[str, Item
 def _shapes(objects: Objects, settings: Settings) -> Iterator[tuple[str, str, str]]:
     """Yield object, its shape and the one predicted from image and sound, as pictures."""
     for trial in trials(objects, settings):
-        if len(trial.senses) == 2:
+        if len(trial.senses) == 2 and (trial.unseen or trial.seed == settings.seeds[0]):
             for label in trial.tested:
                 object_id = objects.ids[label]
                 protocol = "unseen" if trial.unseen else "seen"

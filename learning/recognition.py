@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
 from learning.encoders import Encoded, Encoder, encoded, train
-from learning.metrics import binomial_interval
+from learning.metrics import means_by_object, share_interval
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Settings
@@ -103,17 +103,16 @@ def of_several(test: Encoded, count: int, seed: int) -> float:
     return float(np.mean(shares))
 
 
-def accuracies(hits_of_seeds: Sequence[NDArray[np.bool_]], samples: int) -> dict[str, Any]:
-    """Return mean and standard deviation over seeds in percent, and the interval of all.
+def accuracies(shares_of_seeds: Sequence[NDArray[np.float64]]) -> dict[str, Any]:
+    """Return mean and standard deviation over seeds in percent, and the interval over objects.
 
     Parameters
     ----------
-    samples
-        Independent test samples a seed: pairings of the same ones do not narrow the interval.
+    shares_of_seeds
+        Of each seed the share (objects,) of an object's test samples that were named rightly.
     """
-    shares = [float(hits.mean()) for hits in hits_of_seeds]
-    trials = samples * len(shares)
-    low, high = binomial_interval(round(float(np.mean(shares)) * trials), trials)
+    shares = [float(by_object.mean()) for by_object in shares_of_seeds]
+    low, high = share_interval(np.mean(shares_of_seeds, axis=0))
     spread = float(np.std(shares, ddof=1)) if len(shares) > 1 else None
     return {
         "accuracy_percent": 100 * float(np.mean(shares)),
@@ -128,11 +127,15 @@ def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
     return test.log_probabilities.argmax(axis=1) == test.labels
 
 
-def _fused(
+def _shares(
     objects: Objects, settings: Settings, senses: Sequence[str], protocol: str, seed: int
-) -> NDArray[np.bool_]:
+) -> NDArray[np.float64]:
+    """Return the share (objects,) of each object's test samples that senses name rightly."""
     encoders = [encoded(objects, settings, sense, protocol, seed) for sense in senses]
-    return named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, seed)
+    hits = named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, seed)
+    labels = encoders[0].splits["test"].labels
+    rounds = len(hits) // len(labels)
+    return np.array(list(means_by_object(hits.astype(np.float64), np.tile(labels, rounds)).values()))
 
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
@@ -149,10 +152,10 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         ]
         row: dict[str, Any] = {}
         for senses in COMBINATIONS:
-            hits = [
-                workers.submit(_fused, objects, settings, senses, protocol, seed) for seed in settings.seeds
+            shares = [
+                workers.submit(_shares, objects, settings, senses, protocol, seed) for seed in settings.seeds
             ]
-            row[name_of(senses)] = accuracies(workers.gather(hits), tests)
+            row[name_of(senses)] = accuracies(workers.gather(shares))
         row["several"] = {
             LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
             for sense in SENSES
@@ -163,8 +166,8 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         }
         row["confusion"] = {LETTERS[sense]: _confusion(encoders, sense, len(objects)) for sense in SENSES}
         result[protocol] = row
-    dark = [encoded(objects, settings, "vision", "one lamp", seed) for seed in settings.seeds]
-    result["one lamp"] = {"V": accuracies([named_rightly(encoder) for encoder in dark], tests)}
+    dark = [_shares(objects, settings, ("vision",), "one lamp", seed) for seed in settings.seeds]
+    result["one lamp"] = {"V": accuracies(dark)}
     return result
 
 

@@ -17,9 +17,10 @@ import torch
 import trimesh
 
 from learning.encoders import Encoded, Encoder, encoded, folds_of, train
+from learning.metrics import interval_over_objects
 from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
-from learning.runs import Objects, code_digests, kept
+from learning.runs import Objects, kept
 from learning.settings import Reconstruction, Settings
 from learning.shapes import Likeness, inside, likeness, overlap, volume_points
 from learning.workers import Workers
@@ -106,9 +107,8 @@ class Trial:
             "unit": "reconstruction", "senses": self.senses, "known": self.known, "tested": self.tested,
             "unseen": self.unseen, "seed": self.seed, "files": self.objects.digests,
             "settings": self.settings.model_dump(exclude={"retrieval", "seeds", "grasping"}),
-            "code": code_digests(("occupancy", "reconstruction", "shapes")),
         }  # fmt: skip
-        return kept(key, self._predict)
+        return kept(__name__, key, self._predict)
 
     def _predict(self) -> dict[str, np.ndarray]:
         parameters = self.settings.reconstruction
@@ -131,20 +131,24 @@ class Trial:
         vertices, faces = (self.predictions[f"{label}/{name}"] for name in ("vertices", "faces"))
         return trimesh.Trimesh(vertices, faces, process=False)
 
-    def figures(self) -> dict[str, Any]:
-        """Return what was reached, and what looking up the mesh of a known object reaches."""
+    def likenesses(self) -> list[Likeness]:
+        """Return the likeness of each prediction, an object's predictions one after another."""
+        return [Likeness(*row) for row in self.predictions["likeness"].tolist()]
+
+    def looked_up(self) -> list[Likeness]:
+        """Return what looking up the mesh of the object that the senses name reaches."""
         pairs = [(answer, label) for label in self.tested for answer in self._answers(label)]
-        nearest = [
-            self.measures.of_object(self.measures.nearest(self.known, label), label) for label in self.tested
-        ]
+        return [self.measures.of_object(*pair) for pair in pairs]
+
+    def nearest_known(self) -> list[Likeness]:
+        """Return the likeness of the known shape that is nearest to each object."""
+        measures = self.measures
+        return [measures.of_object(measures.nearest(self.known, label), label) for label in self.tested]
+
+    def size_error(self) -> float:
+        """Return the mean error of the size that the senses say, as a share of the size."""
         lengths_m = [file.frame.scale for file in self.objects.files.values()]
-        return {
-            "ours": _mean([Likeness(*row) for row in self.predictions["likeness"].tolist()]),
-            "look_up": _mean([self.measures.of_object(*pair) for pair in pairs]),
-            "nearest_known": _mean(nearest),
-            "size_error_share": size_error(self.features("training"), self.features("test"), lengths_m),
-            "objects": len(self.tested),
-        }
+        return size_error(self.features("training"), self.features("test"), lengths_m)
 
     def _answers(self, label: int) -> list[int]:
         """Return the known objects that the senses together name for draws of an object's samples."""
@@ -154,6 +158,22 @@ class Trial:
             test = encoder.splits["test"]
             logs += test.log_probabilities[random.choice(np.flatnonzero(test.labels == label), len(logs))]
         return [self.known[best] for best in logs[:, list(self.known)].argmax(axis=1)]
+
+
+def figures(trials_of_seeds: Sequence[Trial]) -> dict[str, Any]:
+    """Return what was reached on the same objects with several seeds, and what it is compared with."""
+    ious = np.array([[likeness.iou for likeness in trial.likenesses()] for trial in trials_of_seeds])
+    tested = trials_of_seeds[0].tested
+    by_object = ious.reshape(len(ious), len(tested), -1).mean(axis=(0, 2))
+    return {
+        "ours": _mean([likeness for trial in trials_of_seeds for likeness in trial.likenesses()]),
+        "iou_interval": list(interval_over_objects(by_object)) if len(tested) > 1 else None,
+        "iou_sd": float(ious.mean(axis=1).std(ddof=1)) if len(ious) > 1 else None,
+        "look_up": _mean([likeness for trial in trials_of_seeds for likeness in trial.looked_up()]),
+        "nearest_known": _mean(trials_of_seeds[0].nearest_known()),
+        "size_error_share": float(np.mean([trial.size_error() for trial in trials_of_seeds])),
+        "objects": len(tested),
+    }
 
 
 def object_probabilities(encodings: Sequence[Encoded], seed: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -182,11 +202,12 @@ def size_error(
 
 
 def trials(objects: Objects, settings: Settings) -> Iterator[Trial]:
-    """Yield what is tried: all objects seen, then folds of unseen ones, by each of `VARIANTS`."""
+    """Yield what is tried, by each of `VARIANTS`: all objects seen by each seed, folds of unseen ones."""
     measures = Measures(shapes_of(objects), settings.reconstruction)
     closed = tuple(measures.shapes.meshes)
-    for senses in VARIANTS:
-        yield Trial(objects, settings, measures, senses, closed, closed, (), settings.seeds[0])
+    for seed in settings.seeds:
+        for senses in VARIANTS:
+            yield Trial(objects, settings, measures, senses, closed, closed, (), seed)
     for fold, out in enumerate(folds_of(len(objects), settings)[: settings.reconstruction.folds]):
         known = tuple(label for label in closed if label not in out)
         tested = tuple(label for label in closed if label in out)
@@ -209,7 +230,7 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     """Return likenesses by senses and by what they are compared with, of seen and of unseen objects."""
     tried = _tried(objects, settings)
     senses = sorted({sense for variant in VARIANTS for sense in variant})
-    networks = [(sense, "sample", settings.seeds[0]) for sense in senses]
+    networks = [(sense, "sample", seed) for sense in senses for seed in settings.seeds]
     train(objects, settings, workers, networks, senses, settings.reconstruction.folds)
     workers.gather(
         [workers.submit(_predict_trial, objects, settings, number) for number in range(len(tried))]
@@ -227,9 +248,9 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         "seen": {},
         "unseen": {},
     }
-    for trial in tried:
-        if trial.unseen:
-            result["unseen"].setdefault(name_of(trial.senses), []).append(trial.figures())
-        else:
-            result["seen"][name_of(trial.senses)] = trial.figures()
+    for senses_of_trial in VARIANTS:
+        name, own = name_of(senses_of_trial), [trial for trial in tried if trial.senses == senses_of_trial]
+        result["seen"][name] = figures([trial for trial in own if not trial.unseen])
+        if unseen := [figures([trial]) for trial in own if trial.unseen]:
+            result["unseen"][name] = unseen
     return result

@@ -16,7 +16,15 @@ from torch import nn
 from torch.nn.functional import nll_loss, normalize
 
 from learning.encoders import Encoded, Encoder, encoded, folds_of, train
-from learning.metrics import chance_average_precision, mean_average_precision, one_positive_galleries
+from learning.metrics import (
+    average_precisions,
+    chance_average_precision,
+    interval_over_objects,
+    mean_average_precision,
+    means_by_object,
+    one_positive_galleries,
+    share_interval,
+)
 from learning.networks import batches
 from learning.recognition import LETTERS, aligned
 from learning.runs import Objects
@@ -205,23 +213,35 @@ def similarities(
     }
 
 
-def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) -> dict[str, float]:
-    """Return the mAP over the whole gallery and over galleries with one positive, each with its chance."""
+class Scores(NamedTuple):
+    """Mean average precisions of the queries of each object, by its label, and their chances.
+
+    ``map`` ranks the whole gallery, ``map_one_positive`` galleries with one item of each object.
+    """
+
+    map: dict[int, float]
+    chance: float
+    map_one_positive: dict[int, float]
+    chance_one_positive: float
+
+
+def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) -> Scores:
+    """Return what a similarity (queries, gallery) of test samples is worth."""
+    labels = queries.labels
     single = [
-        mean_average_precision(similarity[:, items], queries.labels, gallery.labels[items], seed)
+        average_precisions(similarity[:, items], labels, gallery.labels[items], seed)
         for items in one_positive_galleries(gallery.labels, GALLERIES, seed)
     ]
-    alone = np.unique(gallery.labels)
-    return {
-        "map": mean_average_precision(similarity, queries.labels, gallery.labels, seed),
-        "chance": chance_average_precision(queries.labels, gallery.labels),
-        "map_one_positive": float(np.mean(single)),
-        "chance_one_positive": chance_average_precision(queries.labels, alone),
-    }
+    return Scores(
+        map=means_by_object(average_precisions(similarity, labels, gallery.labels, seed), labels),
+        chance=chance_average_precision(labels, gallery.labels),
+        map_one_positive=means_by_object(np.mean(single, axis=0), labels),
+        chance_one_positive=chance_average_precision(labels, np.unique(gallery.labels)),
+    )
 
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
-    """Return mAPs by direction and method, of objects seen in training and of unseen ones."""
+    """Return figures by direction and method, of objects seen in training and of unseen ones."""
     networks = [(sense, "sample", seed) for sense in SENSES for seed in settings.seeds]
     train(objects, settings, workers, networks, SENSES)
     folds = folds_of(len(objects), settings)
@@ -238,7 +258,6 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         for name, cases_of_name in cases.items()
     }
     return {
-        "objects": len(objects),
         **{name: _table(workers.gather(futures)) for name, futures in submissions.items()},
         "unseen_gallery_objects": [len(out) for out in folds],
     }
@@ -251,8 +270,8 @@ def _directions(
     protocol: str,
     seed: int,
     unseen: Sequence[int],
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Return `scores` of both directions between two senses, by method."""
+) -> dict[str, dict[str, Scores]]:
+    """Return the scores of both directions between two senses, by method."""
     first, second = (encoded(objects, settings, sense, protocol, seed, unseen) for sense in senses)
     tests = first.splits["test"], second.splits["test"]
     similarity_by_method = similarities((first, second), len(objects), settings.retrieval, seed)
@@ -267,13 +286,36 @@ def _directions(
     }
 
 
-def _table(runs: Sequence[dict[str, dict[str, dict[str, float]]]]) -> dict[str, Any]:
-    """Return the mean over runs by direction, method and score."""
+def _table(runs: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, Any]:
+    """Return by direction the figures of each method, and by how much ours is ahead of it.
+
+    An object's figure is its mean over runs; means and intervals are over objects.
+    """
     result: dict[str, Any] = {}
     for direction in sorted({direction for run in runs for direction in run}):
         rows = [run[direction] for run in runs if direction in run]
-        result[direction] = {
-            method: {name: float(np.mean([row[method][name] for row in rows])) for name in rows[0][method]}
-            for method in rows[0]
-        }
+        methods = {method: [row[method] for row in rows] for method in rows[0]}
+        ours = _by_object([row.map_one_positive for row in methods["ours"]])
+        result[direction] = {}
+        for method, own_rows in methods.items():
+            single = _by_object([row.map_one_positive for row in own_rows])
+            figures: dict[str, Any] = {
+                "map": float(_by_object([row.map for row in own_rows]).mean()),
+                "chance": float(np.mean([row.chance for row in own_rows])),
+                "map_one_positive": float(single.mean()),
+                "map_one_positive_interval": list(share_interval(single)),
+                "chance_one_positive": float(np.mean([row.chance_one_positive for row in own_rows])),
+            }
+            if method != "ours":
+                figures |= {
+                    "ours_ahead": float((ours - single).mean()),
+                    "ours_ahead_interval": list(interval_over_objects(ours - single)),
+                }
+            result[direction][method] = figures
     return result
+
+
+def _by_object(rows: Sequence[dict[int, float]]) -> Floats:
+    """Return each object's mean over the runs that it was a query of, in the order of labels."""
+    labels = sorted({label for row in rows for label in row})
+    return np.array([np.mean([row[label] for row in rows if label in row]) for label in labels])

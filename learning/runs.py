@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,11 @@ from learning.settings import Settings
 from objectfolder import load
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+from objectfolder.products.provenance import code_identity, fingerprint
 
 RUNS = Path("learning/runs")
 SHOWN_FIELDS = ("sense", "senses", "protocol", "object", "act", "seed")  # of a unit that was made
 LOGS = RUNS / "logs"  # for TensorBoard
-# What every task draws and trains with: with other code nothing that was kept is read.
-CODE = ("encoders", "networks", "samples")
 FEWEST = 4  # two to train on, two that are unseen
 
 
@@ -79,27 +78,35 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def code_digests(modules: Sequence[str]) -> list[str]:
-    """Return the SHA-256 of modules of this package."""
-    return [digest(Path(__file__).with_name(f"{name}.py")) for name in modules]
+@cache
+def code_digest(module: str) -> str:
+    """Return a digest of the code that a module reaches, in this package and in the library.
+
+    Comments, docstrings and layout do not count.
+    """
+    return fingerprint(code_identity(module))[:16]
 
 
-def kept_path(key: Mapping[str, Any], suffix: str) -> Path:
+def kept_path(module: str, key: Mapping[str, Any], suffix: str) -> Path:
     """Return where a file is kept by what it depends on, as `kept`."""
-    text = json.dumps([code_digests(CODE), key], sort_keys=True)
+    text = json.dumps([code_digest(module), key], sort_keys=True)
     return RUNS / f"{hashlib.sha256(text.encode()).hexdigest()[:24]}{suffix}"
 
 
-def kept(key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+def kept(
+    module: str, key: Mapping[str, Any], compute: Callable[[], dict[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
     """Return arrays by what they depend on, from disk where they were made before.
 
     Parameters
     ----------
+    module
+        Dotted name of the module that computes them; with other code of it, or of what it imports, nothing
+        that was kept is read.
     key
-        All that the arrays depend on beside `CODE`, as JSON has it; digests stand for files and for a task's
-        own modules.
+        What they depend on beside the code, as JSON has it; digests stand for files.
     """
-    path = kept_path(key, ".npz")
+    path = kept_path(module, key, ".npz")
     if path.exists():
         with np.load(path) as stored:
             return dict(stored)

@@ -14,11 +14,11 @@ import torch
 from numpy.typing import NDArray
 
 from learning.encoders import Arrays, Encoded, packed
-from learning.metrics import binomial_interval, mean_average_precision
+from learning.metrics import mean_average_precision, means_by_object, share_interval
 from learning.networks import Labelled, answers, fit_classifier
 from learning.recognition import LETTERS
 from learning.retrieval import both_ways, fit_common_space
-from learning.runs import Objects, code_digests, kept
+from learning.runs import Objects, kept
 from learning.samples import SENSES, stored
 from learning.settings import Settings
 from learning.workers import Workers
@@ -103,27 +103,26 @@ def _retrieved(
     )
 
 
-def detected(logs: NDArray[np.float32]) -> tuple[float, int]:
-    """Return the share of pairs whose truth looks truer than the Object File's answer, and the pairs.
+def detected(logs: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return of each pair (pairs,) whether the truth looks truer than the Object File's answer; a tie is .5.
 
     Parameters
     ----------
     logs
         (2 pairs,) log probability of being the truth: truths first, then answers to the same queries.
     """
-    truths, answered = np.split(logs, 2)
-    return float(np.mean((truths > answered) + 0.5 * (truths == answered))), len(truths)
+    truths, answers_logs = np.split(logs, 2)
+    return (truths > answers_logs) + 0.5 * (truths == answers_logs)
 
 
 def _kept(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays:
     """Return `_compared`, from disk where it was made before."""
     key = {
         "unit": "stand-in", "sense": sense, "seed": seed, "files": objects.digests,
-        "code": code_digests(("stand_in",)),
         "data": settings.data.model_dump(exclude={"root", "objects"}),
         "encoder": settings.encoder.model_dump(),
     }  # fmt: skip
-    return kept(key, partial(_compared, objects, settings, sense, seed))
+    return kept(__name__, key, partial(_compared, objects, settings, sense, seed))
 
 
 def _trained(objects: Objects, settings: Settings, sense: str, seed: int) -> None:
@@ -156,8 +155,7 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
             for first, second in combinations(SENSES, 2)
         },
         "detector": {
-            LETTERS[sense]: _detector([arrays[sense, seed]["detector"] for seed in settings.seeds])
-            for sense in SENSES
+            LETTERS[sense]: _detector([arrays[sense, seed] for seed in settings.seeds]) for sense in SENSES
         },
     }
 
@@ -166,7 +164,8 @@ def _accuracy(test: Encoded) -> float:
     return float(np.mean(test.log_probabilities.argmax(axis=1) == test.labels))
 
 
-def _detector(logs: list[NDArray[np.float32]]) -> dict[str, Any]:
-    shares, pairs = zip(*(detected(seed_logs) for seed_logs in logs), strict=True)
-    low, high = binomial_interval(round(float(np.dot(shares, pairs))), sum(pairs))
-    return {"right_percent": 100 * float(np.mean(shares)), "interval_percent": [100 * low, 100 * high]}
+def _detector(arrays_of_seeds: list[Arrays]) -> dict[str, Any]:
+    right = np.concatenate([detected(arrays["detector"]) for arrays in arrays_of_seeds])
+    labels = np.concatenate([arrays["truth/truth/test/labels"] for arrays in arrays_of_seeds])
+    low, high = share_interval(list(means_by_object(right, labels).values()))
+    return {"right_percent": 100 * float(np.mean(right)), "interval_percent": [100 * low, 100 * high]}

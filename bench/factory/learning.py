@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import arguments, conclude, save, subplots
-from learning.page import PUBLISHED_RECOGNITION
+from learning.page import PUBLISHED_RECOGNITION, settings_path
 
 COMPARED = (
     "Tasks of learning/ on the Object Files of one data set, beside published recognition; objects, samples "
@@ -32,13 +32,10 @@ def record(name: str, needed: str, compared: str, draw: Callable[[dict[str, Any]
     results = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in folder.glob("*.json")}
     if needed not in results:
         parser.error(f"{folder} has no {needed}.json: `python -m learning {needed} --results {folder}`")
-    settings = results[needed]["settings"]
+    made_with = json.loads(settings_path(folder / f"{needed}.json").read_text(encoding="utf-8"))
+    settings, objects = made_with["settings"], made_with["objects"]
     settings["data"].pop("root")
-    objects = results[needed]["objects"]
-    figures = {
-        task: trimmed({key: value for key, value in found.items() if key not in ("settings", "objects")})
-        for task, found in results.items()
-    }
+    figures = {task: trimmed(task_figures) for task, task_figures in results.items()}
     conclude(name, {"objects": objects, **figures}, settings, compared, draw)
 
 

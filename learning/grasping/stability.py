@@ -7,7 +7,6 @@ the commoner answer, that of each object, and boosted trees that know force and 
 
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from torch.nn.functional import interpolate
 from learning.grasping import world
 from learning.grasping.worlds import Worlds
 from learning.networks import Labelled, answers, fit_classifier
-from learning.runs import Objects, digest, kept
+from learning.runs import Objects, kept
 from learning.samples import pictures
 from learning.settings import Settings
 from learning.workers import Workers
@@ -52,14 +51,9 @@ def _batch(worlds: Worlds, name: str, which: range, settings: Settings, parted: 
     pixels = settings.grasping.resolution
     key = {
         "unit": "grasps", "object": name, "seed": seed, "count": len(which), "parts": world.PARTS,
-        "resolution": pixels, "files": worlds.digests[name], "code": _code(),
+        "resolution": pixels, "files": worlds.digests[name],
     }  # fmt: skip
-    return kept(key, lambda: world.attempts(worlds[name], len(which), seed, pixels))
-
-
-def _code() -> list[str]:
-    """Return digests of the code that grasps and predicts."""
-    return [digest(Path(module)) for module in (world.__file__, __file__)]
+    return kept(__name__, key, lambda: world.attempts(worlds[name], len(which), seed, pixels))
 
 
 def inputs_of(grasps: Grasps, resolution: int) -> dict[str, torch.Tensor]:
@@ -86,13 +80,13 @@ class Predictor:
         self._key = {
             "unit": "stability", "files": objects.digests, "seed": settings.seeds[0], "parts": world.PARTS,
             "resolution": settings.grasping.resolution, "encoder": settings.encoder.model_dump(),
-            "count": settings.grasping.grasps, "code": _code(),
+            "count": settings.grasping.grasps,
         }  # fmt: skip
 
     def of(self, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
         """Return whether the test's are held, by each sense and by both."""
         rows = {"training": training.tolist(), "test": test.tolist()}
-        return kept(self._key | rows, lambda: self._trained(training, test))
+        return kept(__name__, self._key | rows, lambda: self._trained(training, test))
 
     def _trained(self, training: Rows, test: Rows) -> dict[str, NDArray[np.bool_]]:
         labels, seed = torch.from_numpy(self._held.astype(np.int64)), self._settings.seeds[0]

@@ -17,10 +17,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from learning.grasping import regrasping, world
+from learning.grasping import world
 from learning.grasping.regrasping import GEL, Floats, Regrasping
 from learning.grasping.worlds import Worlds
-from learning.runs import Objects, digest, kept, kept_path
+from learning.runs import Objects, kept, kept_path
 from learning.settings import Settings
 from learning.workers import Workers
 from objectfolder.products.provenance import seed_from
@@ -157,11 +157,9 @@ class Grasps:
         self._parameters, self.worlds = settings.regrasping, Worlds(objects)
         self.ids = list(self.worlds)
         self._least_n = {name: world.least_force_n(objects.files[name]) for name in self.ids}
-        modules = (world.__file__, regrasping.__file__, __file__)
         self._key: Mapping[str, Any] = {
             "asked": self._parameters.model_dump(exclude={"seeds", "rollouts", "episodes", "fixed_episodes"}),
             "files": self.worlds.digests,
-            "code": [digest(Path(module)) for module in modules],
         }
 
     def environment(self, force_share: float, spread_m: float) -> Regrasping:
@@ -189,7 +187,7 @@ class Grasps:
             "hardest": hardest,
             "seeds": str(seeds),
         }
-        return kept(key, lambda: play(environment, act, seeds))
+        return kept(__name__, key, lambda: play(environment, act, seeds))
 
     def tried(self, move: tuple[float, ...]) -> Played:
         """Return what becomes of a fixed move, on the first seeds that are no test's."""
@@ -239,7 +237,7 @@ class Grasps:
         return partial(_touched, path) if path.exists() else None
 
     def _path(self, seed: int, number: int) -> Path:
-        return kept_path({**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")
+        return kept_path(__name__, {**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")
 
 
 def _untrained(seed: int, environment: "DummyVecEnv", steps: int) -> "TRPO":

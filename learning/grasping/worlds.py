@@ -56,7 +56,7 @@ def world_at(path: Path, digest: str) -> World:
 
 def _parts(path: Path, digest: str) -> list[Surface]:
     key = {"unit": "parts", "file": digest, "parts": PARTS}
-    arrays = kept(key, lambda: _parted(load(path)))
+    arrays = kept(__name__, key, lambda: _parted(load(path)))
     vertices = np.split(arrays["vertices"], np.cumsum(arrays["corners"])[:-1])
     faces = np.split(arrays["faces"], np.cumsum(arrays["sides"])[:-1])
     return [Surface(*hull) for hull in zip(vertices, faces, strict=True)]

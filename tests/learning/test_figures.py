@@ -76,11 +76,13 @@ def figures(objects, settings, seed):
         pair = networks[first], networks[second]
         tests = [one.splits["test"] for one in pair]
         for method, similarity in similarities(pair, len(objects), settings.retrieval, seed).items():
-            values[f"{first} to {second}, {method}"] = scores(similarity, *tests, seed)["map"]
+            by_object = scores(similarity, *tests, seed).map
+            values[f"{first} to {second}, {method}"] = np.mean(list(by_object.values()))
     closed = tuple(range(len(objects)))
     measures = Measures(occupancy.shapes_of(objects), settings.reconstruction)
-    trial = Trial(objects, settings, measures, ("vision", "audio"), closed, closed, (), seed).figures()
-    return {**values, **trial["ours"], "size error": trial["size_error_share"]}
+    trial = Trial(objects, settings, measures, ("vision", "audio"), closed, closed, (), seed)
+    reached = reconstruction.figures([trial])
+    return {**values, **reached["ours"], "size error": reached["size_error_share"]}
 
 
 def grasping(objects, settings, seed):

@@ -6,8 +6,11 @@ import pytest
 from learning.metrics import (
     binomial_interval,
     chance_average_precision,
+    interval_over_objects,
     mean_average_precision,
+    means_by_object,
     one_positive_galleries,
+    share_interval,
 )
 
 
@@ -63,3 +66,27 @@ def test_binomial_interval_of_none_and_of_all():
     assert binomial_interval(10, 10) == pytest.approx((0.025 ** (1 / 10), 1))
     low, high = binomial_interval(5, 10)
     assert low + high == pytest.approx(1)
+
+
+def test_interval_over_objects_covers_the_mean_of_the_objects_that_are_drawn_from():
+    random, covered = np.random.default_rng(0), 0
+    for _ in range(60):
+        low, high = interval_over_objects(random.beta(4, 2, 40))
+        covered += low <= 4 / 6 <= high
+    assert covered >= 60 * 0.95 - 3 * np.sqrt(60 * 0.95 * 0.05)
+
+
+def test_many_tests_of_few_objects_do_not_narrow_the_interval():
+    random = np.random.default_rng(0)
+    labels = np.repeat(np.arange(8), 500)
+    hits = (random.random(4000) < random.random(8)[labels]).astype(float)
+    low, high = share_interval(list(means_by_object(hits, labels).values()))
+    independent = binomial_interval(int(hits.sum()), len(hits))
+    assert high - low > 5 * (independent[1] - independent[0])
+
+
+def test_share_without_an_error_has_the_doubt_of_its_objects():
+    assert share_interval([1.0] * 10) == binomial_interval(10, 10)
+    assert interval_over_objects([0.0] * 10) == (0.0, 0.0)
+    with pytest.raises(ValueError, match="1 objects"):
+        interval_over_objects([0.3])

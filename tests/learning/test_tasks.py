@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from learning import encoders, occupancy, recognition, reconstruction, retrieval, runs
-from learning.page import write_page
-from learning.runs import Objects, kept
+from learning.__main__ import TASKS
+from learning.page import settings_path, write_page
+from learning.runs import Objects, kept, kept_path
 from learning.settings import read_settings
 from learning.workers import Here
 from objectfolder.errors import InputError
+from objectfolder.products.provenance import code_identity
 
 REPOSITORY = Path(__file__).parents[2]
 PARAMETERS = REPOSITORY / "learning" / "params.yaml"
@@ -38,9 +41,33 @@ def test_what_was_made_is_not_made_again(tmp_path, monkeypatch):
         return {"value": np.arange(3)}
 
     for key in ({"unit": "a"}, {"unit": "a"}, {"unit": "b"}):
-        assert kept(key, compute)["value"].tolist() == [0, 1, 2]
+        assert kept("learning.metrics", key, compute)["value"].tolist() == [0, 1, 2]
     assert len(made) == 2
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_what_other_code_made_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "RUNS", tmp_path)
+    paths = {kept_path(module, {"unit": "a"}, ".npz") for module in ("learning.metrics", "learning.encoders")}
+    assert len(paths) == 2
+    # What draws the samples is the library's code: another renderer makes other features.
+    reached = code_identity("learning.encoders")
+    assert {"objectfolder.object_file", "learning.samples", "learning.networks"} <= reached.keys()
+    assert not [module for module in reached if module.startswith("pipeline.")]
+
+
+def test_dvc_knows_the_code_and_the_parameters_of_every_task():
+    stages = yaml.safe_load((REPOSITORY / "learning" / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
+    modules = (path.relative_to(REPOSITORY).as_posix() for path in (REPOSITORY / "learning").glob("*.py"))
+    assert set(stages["code"]["deps"]) == {*modules, "learning/grasping", "objectfolder"}
+    sections = set(yaml.safe_load(PARAMETERS.read_text(encoding="utf-8")))
+    declared = {}
+    for task in TASKS:
+        (code,), parameters = (next(iter(part.values())) for part in stages[task]["params"])
+        assert code == task
+        declared[task] = set(parameters)
+    assert set().union(*declared.values()) == sections
+    assert "regrasping" not in declared["recognition"] | declared["grasping"]
 
 
 @pytest.mark.slow
@@ -65,8 +92,12 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     assert shaped["seen"]["V"]["look_up"]["iou"] == pytest.approx(shaped["floor"]["iou"])
     assert shaped["average_of_others"]["iou"] == 1
     for name, figures in (("recognition", found), ("retrieval", retrieved), ("reconstruction", shaped)):
-        settled = figures | {"settings": tiny.model_dump()}
-        (tmp_path / f"{name}.json").write_text(json.dumps(settled), encoding="utf-8")
+        for path, content in (
+            (tmp_path / f"{name}.json", figures),
+            (settings_path(tmp_path / f"{name}.json"), {"settings": tiny.model_dump()}),
+        ):
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(json.dumps(content), encoding="utf-8")
     write_page(objects, tiny, tmp_path, tmp_path / "reports" / "learning.html")
     text = (tmp_path / "reports" / "learning.html").read_text(encoding="utf-8")
     headings = re.findall(r"<h2>(.*?)</h2>", text)

@@ -7,11 +7,12 @@ import shutil
 import numpy as np
 import pytest
 
+from learning.dask_workers import in_processes, joined
 from learning.encoders import label_draws
 from learning.grasping import stability, touch_policy
 from learning.grasping.worlds import Worlds
 from learning.runs import Objects
-from learning.workers import Here, in_processes, joined
+from learning.workers import Here
 from pipeline.cluster.places import Place
 from pipeline.sandbox.isolation import GLIBC
 
