@@ -10,6 +10,7 @@ import numpy as np
 
 from objectfolder.audio.synthesis.struck_body import RMS
 from objectfolder.fidelity import feel, sight, sound
+from objectfolder.fidelity.conditions import CONDITION_DEFINITIONS, measure_conditions
 from objectfolder.fidelity.contacts import contact_pictures
 from objectfolder.fidelity.sheets import sheet, webp
 from objectfolder.fidelity.sounds import stft_distance
@@ -82,7 +83,12 @@ def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Pro
         "touch": feel_summary,
         "bytes": {"total": sum(parts.values()) + metadata, **parts, "metadata": metadata},
         "speed_error": [*sight_rows, *sound_rows, *feel_rows],
-        "definitions": {**sight.SIGHT_DEFINITIONS, **sound.SOUND_DEFINITIONS, **feel.definitions(touches)},
+        "definitions": {
+            **sight.SIGHT_DEFINITIONS,
+            **(CONDITION_DEFINITIONS if views.attributes.get("conditions") else {}),
+            **sound.SOUND_DEFINITIONS,
+            **feel.definitions(touches),
+        },
     }
     measures = Product({**sight_arrays, **sound_arrays, **feel_arrays}, attributes)
     return Verification(measures, verified, seconds)
@@ -157,6 +163,7 @@ def _sight(
     summary = {
         **measured,
         **sight.measure_reflectance(file, views),
+        **measure_conditions(file, views),
         "noise_floor_db": views.attributes["noise_floor_db"],
         "trivial_psnr_db": trivial["psnr_db"],
         "trivial_psnr_foreground_db": trivial["psnr_foreground_db"],

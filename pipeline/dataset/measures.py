@@ -23,6 +23,7 @@ class Measure:
     higher_is_better : direction; decides which object is the worst
     target : what the factory promises of the data set's mean
     trivial : name, beside `key`, of the score of an answer that knows nothing of the object
+    noise_floor : name, beside `key`, of the best score that the noise of the truth lets any answer have
     occasional : stated only where some object has it, as a parameter of the data set asks
     column, column_unit : how a table of objects calls it, where that is shorter; and its unit there
     summary : how the last lines of a run call it, of a headline figure
@@ -35,6 +36,7 @@ class Measure:
     higher_is_better: bool = True
     target: float | None = None
     trivial: str | None = None
+    noise_floor: str | None = None
     occasional: bool = False
     column: str = ""
     column_unit: str = "dB"
@@ -66,6 +68,10 @@ class Measure:
         """Return by how much `value` is better than the target (negative: worse)."""
         assert self.target is not None
         return value - self.target if self.higher_is_better else self.target - value
+
+    def noise_floor_of(self, attributes: Mapping[str, Any]) -> float | None:
+        """Return the noise floor of the truth; None for a measure without one."""
+        return number_at(attributes, f"{self.sense}.{self.noise_floor}") if self.noise_floor else None
 
 
 def number_at(attributes: Mapping[str, Any], key: str) -> float | None:
@@ -124,10 +130,31 @@ CONTACT = Measure(
     column="Touch, contact",
     summary="Touch:        PSNR in contact, held-out touches,",
 )
+# Of views in other conditions, which `vision.condition_views` asks for: see `vision.truth.conditions`.
+CONDITION_LABELS = {
+    "128_px": "128 px, lamp at 1",
+    "256_px": "256 px",
+    "512_px": "512 px",
+    "near_lamp": "lamp at 0.6",
+    "far_lamp": "lamp at 3",
+    "window": "in a window's light",
+    "sky": "under the sky",
+}
+IN_CONDITIONS = tuple(
+    Measure(
+        f"vision.psnr_{name}_db",
+        f"View, foreground, {label}",
+        trivial=f"trivial_psnr_{name}_db",
+        noise_floor=f"noise_floor_{name}_db",
+        occasional=True,
+    )
+    for name, label in CONDITION_LABELS.items()
+)
 REPORTED = (
     FOREGROUND,
     FULL_IMAGE,
     SIMILARITY,
+    *IN_CONDITIONS,
     Measure(
         "audio.frequency_error_cents", "Modal frequency", unit="cents", decimals=3, higher_is_better=False
     ),

@@ -110,6 +110,10 @@ class VisionParameters:
     held_out_samples: Annotated[int, Bounds(1, 65_536, "paths a pixel", "of Cycles, in views to verify on")]
     light_power_w: Annotated[float, Bounds(1e-6, 1e6, "watts", "of each light, in the unit frame")]
     passes: Annotated[bool, Field(description="depth, normal, base colour and mask beside each view")]
+    condition_views: Annotated[
+        int,
+        Bounds(0, 100, "views", "to verify on at 256 and 512 pixels, of other lamps, in environments, each"),
+    ] = 0
 
 
 @dataclass(frozen=True, config=NO_OTHER_KEYS)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
+from pipeline.dataset.measures import IN_CONDITIONS
 from pipeline.dataset.parameters import Parameters
 from pipeline.run.costs import QUERY, Cost, known_costs
 
@@ -118,6 +119,9 @@ def scaled(stage: str, typical: Estimate, parameters: Parameters | None) -> Esti
         rays = vision.training_views * vision.training_samples
         rays += vision.held_out_views * vision.held_out_samples
         seconds = pixels * rays / TYPICAL_RAYS
+        # A view in other conditions costs as much as one of 128 pixels a side, whatever those.
+        conditions = len(IN_CONDITIONS) * vision.condition_views * vision.held_out_samples
+        seconds += 128**2 * conditions / TYPICAL_RAYS
         size = pixels * (vision.training_views + vision.held_out_views) / TYPICAL_VIEW_PIXELS
     elif stage == "touches":
         pixels = touch.sensor["image_height"] * touch.sensor["image_width"]

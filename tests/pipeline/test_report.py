@@ -15,7 +15,7 @@ from objectfolder.audio.synthesis import mode_bank
 from objectfolder.errors import InputError
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.products.store import Product, write_product
-from pipeline.dataset.measures import REPORTED, Measure, number_at
+from pipeline.dataset.measures import IN_CONDITIONS, REPORTED, Measure, number_at
 from pipeline.publish.report.charts import WIDTH, histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject
 from pipeline.publish.report.sounds import recursions
@@ -71,6 +71,7 @@ def test_every_reported_measure_knows_its_direction() -> None:
         "vision.psnr_db",
         "vision.psnr_foreground_db",
         "vision.ssim",
+        *(measure.key for measure in IN_CONDITIONS),
         "touch.psnr_db",
         "touch.psnr_contact_db",
         "touch.pyrender_psnr_contact_db",

@@ -12,8 +12,9 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
+from objectfolder.vision.truth.conditions import CONDITIONS
 from objectfolder.vision.truth.cycles import read_exr
-from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.cycles_process import render_in_children, render_series
 from objectfolder.vision.truth.passes import cast_passes
 from objectfolder.vision.truth.render_request import Scene, Shots, load_request, save_request, unit_scene
 from objectfolder.vision.truth.views import exposure, simulate_views
@@ -123,6 +124,36 @@ def test_views_are_reproducible_whatever_the_threads_and_counts(monkeypatch):
     other = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
     assert first.arrays.keys() - other.arrays.keys() == set(shapes) - {"rgba"}
     assert not np.array_equal(first["light_position"], other["light_position"])
+
+
+@pytest.mark.slow
+def test_parts_of_images_are_rendered_alone_and_several_requests_in_one_process():
+    camera, light = look_at(np.array([[1.2, -1.9, 1.1]])), np.array([[0.0, -1.0, 1.0]])
+    whole = Shots(camera, light, np.array([3]), 4, 32, 32, 40.0)
+    part = dataclasses.replace(whole, parts=np.array([[8, 12, 10, 6]]))
+    alone = [render_in_children(scene_of(cube()), shots)[0] for shots in (whole, part)]
+    for image, again in zip(alone, render_series(scene_of(cube()), [whole, part]), strict=True):
+        np.testing.assert_array_equal(again[0], image)
+    expected = np.zeros_like(alone[0])
+    expected[8:18, 12:18] = alone[0][8:18, 12:18]
+    assert (expected[..., 3] > 0).any()
+    np.testing.assert_array_equal(alone[1], expected)
+
+
+@pytest.mark.slow
+def test_views_in_other_conditions_show_the_object_and_leave_the_others_as_they_are():
+    views = simulate_views(cube(), Appearance(), **{**SMALL, "training_views": 1}, seed=5, condition_views=1)
+    assert list(views.attributes["conditions"]) == list(CONDITIONS)
+    rgba = views["condition_rgba"]
+    assert rgba.shape == (len(CONDITIONS), 64, 64, 4)
+    assert (rgba[..., 3] >= 0.5).mean(axis=(1, 2)).min() > 0.1
+    lamps = np.linalg.norm(views["condition_light_position"], axis=1)
+    np.testing.assert_allclose(lamps[:5], [1, 1, 1, 0.6, 3])
+    # One direction of light, which weakens with the square of the lamp's distance.
+    assert rgba[0, ..., :3].max() > 4 * rgba[4, ..., :3].max() > 0
+    for condition in views.attributes["conditions"].values():
+        assert 20 < condition["noise_floor_db"] <= 120
+    assert len(views["rgba"]) == 3
 
 
 def test_bad_parameters_and_appearances_are_named():

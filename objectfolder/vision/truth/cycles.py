@@ -1,8 +1,8 @@
 """Ground-truth images by Cycles: the only module that imports bpy, inside functions.
 
-Run as ``python -m objectfolder.vision.truth.cycles REQUEST RESULT`` it renders a saved request in a process
-of its own (see `cycles_process`). Blender keeps state a process: one sample count a process, one render
-at a time, and no import of bpy before or beside other children.
+Run as ``python -m objectfolder.vision.truth.cycles REQUEST RESULT [REQUEST RESULT ...]`` it renders saved
+requests in a process of its own (see `cycles_process`). Blender keeps state a process: one sample count a
+process, one render at a time, and no import of bpy before or beside other children.
 """
 
 import contextlib
@@ -65,6 +65,8 @@ def render(scene: Scene, shots: Shots) -> np.ndarray:
             camera.matrix_world = shots.camera_to_world[index].T.tolist()
             light.location = shots.light_position[index].tolist()
             bpy.context.scene.cycles.seed = int(shots.seeds[index])
+            if shots.parts is not None:
+                _limit(shots.parts[index], shots.height, shots.width)
             # Without it the seed of the first view, kept by persistent data, stays in force.
             bpy.context.scene.update_tag()
             bpy.ops.render.render(write_still=True)
@@ -113,6 +115,17 @@ def _set_up_render(shots: Shots, path: str) -> None:
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
     scene.world = world
+
+
+def _limit(part: np.ndarray, height: int, width: int) -> None:
+    """Render the part (top, left, height, width) of an image alone."""
+    import bpy
+
+    render = bpy.context.scene.render
+    top, left, rows, columns = map(int, part)
+    render.use_border, render.use_crop_to_border = True, False
+    render.border_min_x, render.border_max_x = left / width, (left + columns) / width
+    render.border_min_y, render.border_max_y = 1 - (top + rows) / height, 1 - top / height
 
 
 def _surround(radiance: np.ndarray) -> None:
@@ -287,4 +300,5 @@ def read_exr(path: str, height: int, width: int) -> np.ndarray:
 
 if __name__ == "__main__":
     end_with(os.getppid())
-    np.save(Path(sys.argv[2]), render(*load_request(Path(sys.argv[1]))))
+    for request, result in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
+        np.save(Path(result), render(*load_request(Path(request))))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -53,9 +54,23 @@ def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
     return images
 
 
-def _run(request: Path, result: Path) -> None:
-    finished = run_module("objectfolder.vision.truth.cycles", request, result)
-    if finished.returncode or not result.exists():
+def render_series(scene: Scene, series: Sequence[Shots]) -> list[np.ndarray]:
+    """Render several sets of few shots, of one sample count, in one child process.
+
+    Arrays and errors are those of `render_in_children`.
+    """
+    with tempfile.TemporaryDirectory(prefix="objectfolder-views-") as folder:
+        paths = []
+        for index, shots in enumerate(series):
+            paths += [Path(folder, f"request-{index}.npz"), Path(folder, f"result-{index}.npy")]
+            save_request(paths[-2], scene, shots)
+        _run(*paths)
+        return [np.clip(np.load(path), 0.0, LARGEST_HALF).astype(np.float16) for path in paths[1::2]]
+
+
+def _run(*requests_and_results: Path) -> None:
+    finished = run_module("objectfolder.vision.truth.cycles", *requests_and_results)
+    if finished.returncode or not requests_and_results[-1].exists():
         raise SimulationError(
             "Cycles",
             f"the render process ended with status {finished.returncode}: {last_words(finished.stderr, 3)}",

@@ -112,6 +112,9 @@ class Shots:
         (h, w, 3) radiance from all round, as of `environment.py`, in place of the point light; or None.
     most_samples
         Paths of a pixel that is still noisy after `samples` (`NOISE_THRESHOLD`); None asks no pixel for more.
+    parts
+        (n, 4) top, left, height and width in pixels of the part of each image that is rendered; the rest is
+        left at 0. None renders all.
     """
 
     camera_to_world: np.ndarray
@@ -126,6 +129,7 @@ class Shots:
     threads: int = 1
     environment: np.ndarray | None = None
     most_samples: int | None = None
+    parts: np.ndarray | None = None
 
 
 def save_request(path: Path, scene: Scene, shots: Shots) -> None:

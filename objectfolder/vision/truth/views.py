@@ -21,6 +21,7 @@ from objectfolder.vision.cameras import (
     uniform_on_sphere,
 )
 from objectfolder.vision.compositing import composite_on_white
+from objectfolder.vision.truth.conditions import render_conditions
 from objectfolder.vision.truth.coverage import with_cast_coverage
 from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.passes import Passes, cast_passes
@@ -57,7 +58,8 @@ def simulate_views(
     mesh: TexturedMesh, appearance: Appearance, *, resolution: int | tuple[int, int],
     training_views: int, training_samples: int, held_out_views: int, held_out_samples: int,
     field_of_view_deg: float = FIELD_OF_VIEW_DEG, camera_radius: float = CAMERA_RADIUS,
-    light_power_w: float = LIGHT_POWER_W, seed: int = 0, threads: int = 1, passes: bool = True,
+    light_power_w: float = LIGHT_POWER_W, condition_views: int = 0, seed: int = 0, threads: int = 1,
+    passes: bool = True,
 ) -> Product:  # fmt: skip
     """Render an object from cameras uniform on a sphere, each with a light uniform on the unit sphere.
 
@@ -76,6 +78,8 @@ def simulate_views(
     camera_radius, light_power_w
         Distance of the cameras from the origin, and radiant power of the point light for distances, in the
         unit frame.
+    condition_views
+        Views in each of `conditions.CONDITIONS`: finer images, other distances of the lamp, environments.
     seed, threads
         Of cameras, lights and paths; and render threads.
     passes
@@ -110,11 +114,13 @@ def simulate_views(
     _require_positive(training_views=training_views, training_samples=training_samples,
                       held_out_samples=held_out_samples, camera_radius=camera_radius,
                       light_power_w=light_power_w)  # fmt: skip
-    if held_out_views < 0:
-        raise InputError("views.held_out_views", f"{held_out_views} is negative", "Give 0 or more.")
+    for name, count in (("held_out_views", held_out_views), ("condition_views", condition_views)):
+        if count < 0:
+            raise InputError(f"views.{name}", f"{count} is negative", "Give 0 or more.")
     frame = UnitFrame.of_points(mesh.vertices[np.unique(mesh.faces)])
     scene = unit_scene(mesh, appearance, frame)
-    streams, counts = np.random.SeedSequence(seed).spawn(2), (training_views, held_out_views)
+    *streams, other = np.random.SeedSequence(seed).spawn(3)
+    counts = training_views, held_out_views
     training, held_out = (_draw(*part, camera_radius) for part in zip(streams, counts, strict=True))
     how = (*size, field_of_view_deg, light_power_w, BOUNCES, threads)
     rgba, floors = _rendered(scene, training, held_out, (training_samples, held_out_samples), how)
@@ -122,7 +128,13 @@ def simulate_views(
     arrays = _arrays(rgba, drawn, kept, np.where(kept, held_out_samples, training_samples).astype(np.int32))
     if passes:
         arrays |= _pass_arrays(cast_passes(scene, drawn[0], size, field_of_view_deg))
+    elsewhere, conditions = render_conditions(
+        scene, condition_views, held_out_samples, other, camera_radius, field_of_view_deg, light_power_w,
+        threads,
+    )  # fmt: skip
+    arrays |= elsewhere
     made = {"camera_radius": float(camera_radius), "frame": frame.to_dict(), "seed": seed, **floors}
+    made |= conditions
     exposed = exposure(rgba[kept] if held_out_views else rgba)
     return Product(arrays, _attributes(scene, mesh, size, field_of_view_deg, light_power_w) | made | exposed)
 

@@ -1,12 +1,22 @@
 """The contents and the fidelity of an Object File, in lines for people."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from objectfolder.mesh.body import told_normals
 from objectfolder.object_file import ObjectFile
-from pipeline.dataset.measures import CONTACT, FOREGROUND, FULL_IMAGE, GAIN, SIMILARITY
+from pipeline.dataset.measures import (
+    CONDITION_LABELS,
+    CONTACT,
+    FOREGROUND,
+    FULL_IMAGE,
+    GAIN,
+    IN_CONDITIONS,
+    SIMILARITY,
+)
 
 
 def info_lines(file: ObjectFile, path: Path) -> list[str]:
@@ -46,10 +56,22 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
         f"vision       PSNR of the foreground {_number(vision[FOREGROUND.name])} dB, "
         f"of the full image {vision[FULL_IMAGE.name]:.2f} dB, "
         f"SSIM {vision[SIMILARITY.name]:.4f} ({vision['held_out_views']} held-out views)",
+        *_condition_lines(fidelity),
         f"audio        {heard}",
         f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch[CONTACT.name])} dB "
         f"({touch['held_out_touches']} held-out touches); "
         f"{100 * touch['unreachable_share']:.0f} % of the surface out of the sensor's reach",
+    ]
+
+
+def _condition_lines(fidelity: Mapping[str, Any]) -> list[str]:
+    """Return the figures of views in other conditions, each with noise floor and trivial answer."""
+    return [
+        f"             {label}: PSNR of the foreground {_number(measure.of(fidelity))} dB "
+        f"(noise floor {_number(measure.noise_floor_of(fidelity))}, "
+        f"trivial {_number(measure.trivial_of(fidelity))})"
+        for measure, label in zip(IN_CONDITIONS, CONDITION_LABELS.values(), strict=True)
+        if measure.of(fidelity) is not None
     ]
 
 

@@ -34,11 +34,14 @@ class MeasureSummary:
         Value and id of each object.
     trivial
         Mean score of the trivial answer.
+    noise_floor
+        Mean of the best scores that the noise of the truth allows.
     """
 
     measure: Measure
     values: Sequence[tuple[float, str]]
     trivial: float | None = None
+    noise_floor: float | None = None
 
     @property
     def mean(self) -> float | None:
@@ -80,7 +83,9 @@ def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
         if measure.occasional and not known:
             continue
         trivial = mean([measure.trivial_of(one.attributes) for _, one in known])
-        found.append(MeasureSummary(measure, [(value, one.object_id) for value, one in known], trivial))
+        floor = mean([measure.noise_floor_of(one.attributes) for _, one in known])
+        values = [(value, one.object_id) for value, one in known]
+        found.append(MeasureSummary(measure, values, trivial, floor))
     return found
 
 

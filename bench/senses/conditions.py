@@ -1,0 +1,98 @@
+"""Object Files away from the views of their data set: finer images, other lamps, environments.
+
+    python -m bench.senses.conditions --folder FOLDER [--data FOLDER] [--only ID ...]
+
+The files of a finished data set are measured as its own report does where `vision.condition_views` asks.
+Truths and rows are kept in FOLDER and not made again.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import objectfolder
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept, save, subplots
+from objectfolder.fidelity.conditions import measure_conditions
+from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.products.store import Product, read_attributes, read_product, write_product
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.truth.conditions import CONDITIONS, render_conditions
+from objectfolder.vision.truth.render_request import unit_scene
+
+VIEWS, SAMPLES = 2, 256
+COMPARED = (
+    "8-bit sRGB on white of Object Files against Cycles in parts of 64 x 64 pixels of views with cameras, "
+    "lamps and points looked at of their own: PSNR of the foreground (pixels covered by half), mean of "
+    "views; the truth's noise floor, and its mean colour in the true silhouette; CPU seconds of both"
+)
+
+
+def measured(data: Path, name: str, folder: Path) -> dict[str, Any]:
+    """Return the row of an object of a finished data set."""
+    file = objectfolder.load(data / "object_files" / f"{name}.safetensors")
+    path = folder / f"{name}.views.zarr.zip"
+    made = folder / f"{name}.truth.json"
+    truth_cpu_s = kept(made, partial(_render, data, name, path))["cpu_s"]
+    views = read_product(path)
+    measure_conditions(file, views)  # the first query compiles
+    start = cpu_seconds()
+    figures = measure_conditions(file, views)
+    return {**figures, "truth_cpu_s": truth_cpu_s, "measures_cpu_s": cpu_seconds() - start}
+
+
+def _render(data: Path, name: str, path: Path) -> dict[str, float]:
+    attributes = read_attributes(data / "views" / f"{name}.zarr.zip")
+    mesh = textured_mesh_of(read_product(data / "objects" / f"{name}.zarr.zip"))
+    file = objectfolder.load(data / "object_files" / f"{name}.safetensors")
+    how = {key: attributes[key] for key in ("camera_radius", "field_of_view_deg", "light_power_w")}
+    start = cpu_seconds()
+    arrays, conditions = render_conditions(
+        unit_scene(mesh, Appearance(**attributes["appearance"]), file.frame),
+        VIEWS, SAMPLES, np.random.SeedSequence(0), **how, threads=1,
+    )  # fmt: skip
+    seconds = cpu_seconds() - start
+    write_product(path, Product(arrays, conditions | how))
+    return {"cpu_s": seconds}
+
+
+def draw(figures: dict[str, Any]) -> None:
+    """Draw the PSNR of each object, a mark a condition."""
+    picture, axis = subplots(figsize=(8, 4))
+    for name in CONDITIONS:
+        rows = figures["objects"].values()
+        axis.plot([row.get(f"psnr_{name}_db") for row in rows], list(figures["objects"]), "o", label=name)
+    axis.set(xlabel="PSNR of the foreground, dB")
+    axis.legend()
+    save(picture, "conditions")
+
+
+def main() -> None:
+    """Measure everything that is not in the folder yet."""
+    parser = arguments(__doc__)
+    parser.add_argument("--folder", type=Path, required=True, help="where truths and rows are kept")
+    parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
+    parser.add_argument("--only", nargs="+", help="ids of the objects to measure")
+    given = parser.parse_args()
+    names = given.only or sorted(path.stem for path in (given.data / "object_files").glob("*.safetensors"))
+    rows = {
+        name: kept(given.folder / f"{name}.row.json", partial(measured, given.data, name, given.folder))
+        for name in names
+    }
+    summary: dict[str, Any] = {}
+    for key in (
+        *(f"psnr_{name}_db" for name in CONDITIONS),
+        *(f"noise_floor_{name}_db" for name in CONDITIONS),
+    ):
+        values = [row[key] for row in rows.values() if key in row]
+        summary[key] = {"mean": float(np.mean(values)), "worst": min(values)} if values else None
+    for key in ("truth_cpu_s", "measures_cpu_s"):
+        values = [row[key] for row in rows.values()]
+        summary[key] = {"mean": float(np.mean(values)), "most": max(values)}
+    settings = {"views": VIEWS, "samples": SAMPLES, "conditions": {k: vars(v) for k, v in CONDITIONS.items()}}
+    conclude("conditions", {"summary": summary, "objects": rows}, settings, COMPARED, draw)
+
+
+if __name__ == "__main__":
+    main()
