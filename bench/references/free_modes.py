@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
+from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
 from objectfolder.audio.modes.modes import waves_of
@@ -45,7 +45,7 @@ class FreeModes:
         radians_per_s = material.shear_speed_m_s / length
         space, _ = space_on(solid, 5, length, bend=True)
         below = (2 * np.pi * LIMIT_HZ / radians_per_s) ** 2
-        wanted = Wanted(below, ACCURACY_CENTS, MOST_MODES, MOST_UNKNOWNS, 0)
+        wanted = Goal(below, ACCURACY_CENTS, MOST_MODES, MOST_UNKNOWNS, 0)
         found = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
         frequencies = np.sqrt(found.eta_squared) * radians_per_s / (2 * np.pi)
         boundary = Boundary(solid, found.space, length)

@@ -133,11 +133,11 @@ class Factorisation:
         """|A x - b| / (|A| |x| + |b|) of a random b, |A| in the maximum norm (J. L. Rigal and J. Gaches)."""
         upper, diagonal = self._upper, self._upper.diagonal()
         right = np.random.default_rng(0).standard_normal((len(diagonal), 1))
-        found = self.solve(right)
+        solution = self.solve(right)
         entries = abs(upper)
         rows = entries.sum(axis=1).A1 + entries.sum(axis=0).A1 - np.abs(diagonal)
-        wrong = upper @ found + upper.T @ found - diagonal[:, None] * found - right
-        size = rows.max() * np.linalg.norm(found) + np.linalg.norm(right)
+        wrong = upper @ solution + upper.T @ solution - diagonal[:, None] * solution - right
+        size = rows.max() * np.linalg.norm(solution) + np.linalg.norm(right)
         return float(np.linalg.norm(wrong) / size)
 
     def negative(self) -> int:

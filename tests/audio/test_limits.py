@@ -7,7 +7,7 @@ from structured_solids import box
 
 from objectfolder.audio.elements.elasticity import ElementMatrices
 from objectfolder.audio.factorisation import SOLVER, Factorisation
-from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
+from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.eigen import DENSE, lowest_elastic
 from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, space_on
@@ -18,7 +18,7 @@ MODES = 20
 
 def plate_with(limits: Limits = NO_LIMITS, max_unknowns: int = 10**6) -> Spectrum:
     plate = box((5, 5, 1), (1, 1, 0.02))
-    wanted = Wanted(np.inf, 8.0, MODES, max_unknowns, 0, limits)
+    wanted = Goal(np.inf, 8.0, MODES, max_unknowns, 0, limits)
     return adapt_spectrum(space_on(plate, 4, 1.0)[0], plate.component, 0.3, wanted)
 
 
@@ -33,7 +33,7 @@ def test_factors_that_take_too_much_memory_are_refused_before_they_are_made() ->
 
 def test_blocks_of_vectors_take_their_share_of_the_memory() -> None:
     """Four blocks of 200 modes in 1 GB are 468,750 numbers each, and fewer unknowns than may be."""
-    few, many = (Wanted(1.0, 5.0, 200, most, 0, Limits(memory_gb=3.0)) for most in (30_000, 10**6))
+    few, many = (Goal(1.0, 5.0, 200, most, 0, Limits(memory_gb=3.0)) for most in (30_000, 10**6))
     assert (few.most_functions(200), many.most_functions(200)) == (10_000, 156_250 // 3)
 
 

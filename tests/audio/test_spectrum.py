@@ -9,7 +9,7 @@ from structured_solids import box, moved, together
 
 from objectfolder.audio.elements.elasticity import ElementMatrices, assemble
 from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum, what_is_to_come
+from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum, what_is_to_come
 from objectfolder.audio.modes.eigen import Eigenpairs, count_below, weigh
 from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum, space_on
 from objectfolder.solid.solid import Solid, clean
@@ -52,7 +52,7 @@ def adapted(solid: Solid, accuracy_cents: float, order: int = 4, below: float = 
         space_on(solid, order, 1.0)[0],
         solid.component,
         0.3,
-        Wanted(below, accuracy_cents, 20, 10**6, 0),
+        Goal(below, accuracy_cents, 20, 10**6, 0),
     )
 
 
@@ -95,7 +95,7 @@ WIDE_PLATE = np.array([
 def test_a_wide_thin_plate_has_every_mode_at_the_usual_accuracy() -> None:
     """With order 4 it lacks the last: that is 30 cents too high, and above the limit."""
     plate = box((8, 8, 1), (1, 1, 0.01))
-    wanted = Wanted(5.0, 5.0, 200, 180_000, 0)
+    wanted = Goal(5.0, 5.0, 200, 180_000, 0)
     usual = adapt_spectrum(space_on(plate, 5, 1.0)[0], plate.component, 0.3, wanted)
     assert [step["order"] for step in usual.steps] == [2, 3, 4]  # and 5 at last
     assert len(usual.eta_squared) == len(WIDE_PLATE)
@@ -145,7 +145,7 @@ def columns(found: Spectrum) -> np.ndarray:
 def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None:
     """Inverse iteration at the limit from modes of fewer functions against Lanczos; some are repeated."""
     solid, space = plate()
-    found = adapt_spectrum(space, solid.component, 0.3, Wanted(25.0, 1e-3, max_modes, 10**6, 0))
+    found = adapt_spectrum(space, solid.component, 0.3, Goal(25.0, 1e-3, max_modes, 10**6, 0))
     scratch = modes_of_plate(max_modes)
     assert found.unknowns == scratch.unknowns
     assert found.certificate == scratch.certificate

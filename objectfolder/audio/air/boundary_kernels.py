@@ -68,14 +68,14 @@ def static_potentials(
         moment = 0.5 * (square * logarithm + high * r_high - low * r_low)
         first0, first1, first2 = first0 + o0 * moment, first1 + o1 * moment, first2 + o2 * moment
         third0, third1, third2 = third0 - o0 * logarithm, third1 - o1 * logarithm, third2 - o2 * logarithm
-    seen = math.copysign(angle, height) if abs(height) > IN_PLANE * length else 0.0
+    solid_angle = math.copysign(angle, height) if abs(height) > IN_PLANE * length else 0.0
     for b in range(3):
         g0, g1, g2 = gradients[b, 0], gradients[b, 1], gradients[b, 2]
         value = 1.0 + (
             g0 * (x[0] - corners[b, 0]) + g1 * (x[1] - corners[b, 1]) + g2 * (x[2] - corners[b, 2])
         )
         single[b] = value * whole + g0 * first0 + g1 * first1 + g2 * first2
-        double[b] = value * seen + height * (g0 * third0 + g1 * third1 + g2 * third2)
+        double[b] = value * solid_angle + height * (g0 * third0 + g1 * third1 + g2 * third2)
     return whole
 
 

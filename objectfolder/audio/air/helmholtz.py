@@ -210,8 +210,8 @@ class Elements:
         faces = self.surface.faces
         ones, triangle = np.ones(faces.size), np.repeat(np.arange(len(faces)), 3)
         of_vertices = sparse.csr_matrix((ones, (triangle, faces.reshape(-1))), (len(faces), len(slots)))
-        found = (of_vertices @ sparse.csr_matrix(slots >= 0, dtype=float) @ of_vertices.T).tocoo()
-        return np.stack([found.row, found.col], axis=1).astype(np.int64)
+        pairs = (of_vertices @ sparse.csr_matrix(slots >= 0, dtype=float) @ of_vertices.T).tocoo()
+        return np.stack([pairs.row, pairs.col], axis=1).astype(np.int64)
 
     @cached_property
     def _static(self) -> tuple[Floats, Floats]:
@@ -256,10 +256,10 @@ class Elements:
         fill_far(0.0, patches, flows, inner, double, bending, all_far)
         ring = inner[rows, columns] < 0
         diagonal = slots[np.arange(count), np.arange(count)]
-        for place, far, wanted in ((0, double.real, -self._areas / 2), (1, bending.real, 0.0)):
+        for place, far, row_sum in ((0, double.real, -self._areas / 2), (1, bending.real, 0.0)):
             operators[ring, place] -= far[rows[ring], columns[ring]]
             total = far.sum(axis=1, dtype=np.float64) + np.bincount(rows, operators[:, place], count)
-            operators[diagonal, place] += wanted - total
+            operators[diagonal, place] += row_sum - total
         operators[ring, 2] = 0.0
         return operators, loads - (all_far - beyond).real
 

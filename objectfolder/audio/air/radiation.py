@@ -50,15 +50,15 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
     >>> octahedron = Surface(corners, np.array(faces))
     >>> def breathing(face, barycentric):
     ...     return octahedron.face_normals[face][:, :, None]
-    >>> found = radiate(octahedron, breathing, np.array([500.0]))
-    >>> round(float(abs(found.multipoles[0, 0])) / (1.204 * 2 * np.pi * 500 * octahedron.area / 3.545), 1)
+    >>> radiation = radiate(octahedron, breathing, np.array([500.0]))
+    >>> round(float(abs(radiation.multipoles[0, 0])) / (1.204 * 2 * np.pi * 500 * octahedron.area / 3.545), 1)
     0.9
     """
     centre, radius = middle_of(surface)
     wavenumbers = 2 * np.pi * np.array(frequencies_hz, dtype=np.float64) / SOUND_SPEED_M_S
     highest = order_for(wavenumbers.max(initial=0.0) * radius)
     multipoles = np.zeros((len(wavenumbers), count_of(highest)), dtype=np.complex128)
-    found = Radiation(centre, radius, wavenumbers.copy(), multipoles, np.zeros(len(wavenumbers)))
+    radiation = Radiation(centre, radius, wavenumbers.copy(), multipoles, np.zeros(len(wavenumbers)))
     points, true = normal_velocities(surface, shapes)
     waiting = wavenumbers > 0
     for edge_m, finest in _levels(surface.area):
@@ -77,24 +77,24 @@ def radiate(surface: Surface, shapes: Shapes, frequencies_hz: Floats) -> Radiati
             Elements(mesh, velocity[:, :, good], centre, highest),
             Elements(coarse, coarsely, centre, highest),
         )
-        _solve(found, elements, modes, wavenumbers[modes])
-        waiting[modes] = (found.residuals[modes] > GOOD) & (not finest)
-    return found
+        _solve(radiation, elements, modes, wavenumbers[modes])
+        waiting[modes] = (radiation.residuals[modes] > GOOD) & (not finest)
+    return radiation
 
 
 def _solve(
-    found: Radiation, elements: tuple[Elements, Elements], modes: Integers, wavenumbers: Floats
+    radiation: Radiation, elements: tuple[Elements, Elements], modes: Integers, wavenumbers: Floats
 ) -> None:
     """Write what modes of wavenumbers radiate by the finer elements, and how far the coarser are from it."""
-    for group in together(wavenumbers * found.radius_m):
-        those, k = modes[group], float(wavenumbers[group].mean())
-        order = order_for(k * found.radius_m)
-        fine, coarse = (one.multipoles(order, k, one.solve(k, group), group) for one in elements)
-        found.multipoles[those, : len(fine)] = 1j * k * SOUND_SPEED_M_S * DENSITY_KG_M3 * fine.T
+    for group in together(wavenumbers * radiation.radius_m):
+        members, k = modes[group], float(wavenumbers[group].mean())
+        order = order_for(k * radiation.radius_m)
+        fine, coarse = (level.multipoles(order, k, level.solve(k, group), group) for level in elements)
+        radiation.multipoles[members, : len(fine)] = 1j * k * SOUND_SPEED_M_S * DENSITY_KG_M3 * fine.T
         # The far field over all directions has the norm of its multipoles.
         size = np.maximum(np.linalg.norm(fine, axis=0), 1e-300)
-        found.residuals[those] = CAUTION * np.linalg.norm(fine - coarse, axis=0) / size
-        found.wavenumbers[those] = k
+        radiation.residuals[members] = CAUTION * np.linalg.norm(fine - coarse, axis=0) / size
+        radiation.wavenumbers[members] = k
 
 
 def together(phases: Floats) -> Iterator[Integers]:
@@ -203,8 +203,8 @@ class _PatchMeans:
 
     def missing(self, true: Floats, velocity: Floats) -> Floats:
         """Means (n, m) of what velocities (t, 3, m) at corners of triangles are short of true ones (p, m)."""
-        given = np.einsum("pc,pcm->pm", self._barycentric, velocity[self._face])
-        return np.asarray(self._sums @ (true - given)) / self._areas[:, None]
+        element_velocity = np.einsum("pc,pcm->pm", self._barycentric, velocity[self._face])
+        return np.asarray(self._sums @ (true - element_velocity)) / self._areas[:, None]
 
     def norm(self, means: Floats) -> Floats:
         """Norms (m,) over the area of means (n, m)."""

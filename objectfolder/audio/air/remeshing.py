@@ -24,10 +24,10 @@ def remeshed(surface: Surface, edge_m: float) -> Surface:
     import pyvista  # which a query of an Object File does without
 
     surface = joined(surface)
-    wanted = COLLAPSED_SHARE * surface.area / (np.sqrt(3) / 4 * edge_m**2)
-    if wanted < len(surface.faces):
+    face_count = COLLAPSED_SHARE * surface.area / (np.sqrt(3) / 4 * edge_m**2)
+    if face_count < len(surface.faces):
         mesh = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
-        less = mesh.decimate(1 - wanted / len(surface.faces), volume_preservation=True)
+        less = mesh.decimate(1 - face_count / len(surface.faces), volume_preservation=True)
         surface = Surface(np.asarray(less.points, dtype=np.float64), np.asarray(less.regular_faces, np.int64))
     return halved(surface, LONGEST * edge_m)
 
@@ -40,11 +40,11 @@ def joined(surface: Surface) -> Surface:
     )
     links = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(vertices),) * 2)
     count, place = connected_components(links, directed=False)
-    kept = np.zeros((count, 3))
-    kept[place] = vertices
+    positions = np.zeros((count, 3))
+    positions[place] = vertices
     faces = place[surface.faces].astype(np.int64)
     whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return Surface(kept, faces[whole])
+    return Surface(positions, faces[whole])
 
 
 def halved(surface: Surface, longest_m: float) -> Surface:
@@ -76,5 +76,5 @@ def halved(surface: Surface, longest_m: float) -> Surface:
         split = np.flatnonzero(cut[number[rows, first]])
         a, b, c = (faces[split, (first[split] + turn) % 3] for turn in range(3))
         m = middle[number[split, first[split]]]
-        kept = faces[~cut[number[rows, first]]]
-        faces = np.concatenate([kept, np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])
+        rest = faces[~cut[number[rows, first]]]
+        faces = np.concatenate([rest, np.stack([a, m, c], axis=1), np.stack([m, b, c], axis=1)])

@@ -77,9 +77,9 @@ class AirTransfer:
         """
         error = ROUNDING_ERROR
         while True:
-            found = cls._rounded(radiation, error)
-            if sum(tensor.nbytes for tensor in found.tensors().values()) <= most_bytes:
-                return found
+            transfer = cls._rounded(radiation, error)
+            if sum(tensor.nbytes for tensor in transfer.tensors().values()) <= most_bytes:
+                return transfer
             error *= 1.25
 
     @classmethod
@@ -87,19 +87,21 @@ class AirTransfer:
         modes = len(radiation.wavenumbers)
         orders, steps = np.zeros(modes, dtype=np.int64), np.zeros((modes, 2), dtype=np.float32)
         whole = []
-        for mode, (k, given) in enumerate(zip(radiation.wavenumbers, radiation.multipoles, strict=True)):
+        for mode, (k, multipoles) in enumerate(zip(radiation.wavenumbers, radiation.multipoles, strict=True)):
             order = 0
             if k > 0:
-                highest = min(order_for(k * radiation.radius_m), int(np.sqrt(len(given))) - 1)
-                given = given[: count_of(highest)]
-                near = np.abs(hankel(highest, np.array(k * radiation.radius_m)))[orders_of(len(given))]
+                highest = min(order_for(k * radiation.radius_m), int(np.sqrt(len(multipoles))) - 1)
+                multipoles = multipoles[: count_of(highest)]
+                near = np.abs(hankel(highest, np.array(k * radiation.radius_m)))[orders_of(len(multipoles))]
                 # Errors of rounding are a step / sqrt(12) in each of two parts.
-                share = error * np.sqrt(6 / len(given))
-                steps[mode] = share * np.linalg.norm(given), share * np.linalg.norm(near * given)
+                share = error * np.sqrt(6 / len(multipoles))
+                steps[mode] = share * np.linalg.norm(multipoles), share * np.linalg.norm(near * multipoles)
                 step = np.minimum(steps[mode, 0], steps[mode, 1] / near)
-                parts = np.rint(np.stack([given.real, given.imag], axis=1) / np.maximum(step, 1e-30)[:, None])
-                kept = np.flatnonzero(parts.any(axis=1))
-                order = int(orders_of(len(given))[kept[-1]]) if len(kept) else 0
+                parts = np.rint(
+                    np.stack([multipoles.real, multipoles.imag], axis=1) / np.maximum(step, 1e-30)[:, None]
+                )
+                nonzero = np.flatnonzero(parts.any(axis=1))
+                order = int(orders_of(len(multipoles))[nonzero[-1]]) if len(nonzero) else 0
             orders[mode] = order
             whole.append(parts[: count_of(order)] if k > 0 else np.zeros((1, 2)))
         packed = np.concatenate([part.reshape(-1) for part in whole]) if whole else np.zeros(0)
@@ -185,8 +187,8 @@ class AirTransfer:
         """
         centre = numbers("audio.transfer.centre_m", metadata["centre_m"], (3,), LARGEST_M)
         radius = number("audio.transfer.radius_m", metadata["radius_m"], 1 / LARGEST_M, LARGEST_M)
-        known = _known(tensors, modes)
-        wavenumbers, orders = known["wavenumbers"], known["orders"].astype(np.int64)
+        arrays = _arrays(tensors, modes)
+        wavenumbers, orders = arrays["wavenumbers"], arrays["orders"].astype(np.int64)
         rings = wavenumbers > 0
         if not (
             (wavenumbers == 0) | ((wavenumbers >= WAVENUMBERS[0]) & (wavenumbers <= WAVENUMBERS[1]))
@@ -197,22 +199,22 @@ class AirTransfer:
         if (orders > allowed).any() or count > LARGEST_COEFFICIENTS:
             raise FormatError(TENSOR_PREFIX + "orders", f"above what {radius:.3g} m radiate", TRANSFER_REMEDY)
         for name, largest in (("steps", LARGEST_STEP), ("residuals", LARGEST_STEP)):
-            if not ((known[name] >= 0) & (known[name] <= largest)).all():
+            if not ((arrays[name] >= 0) & (arrays[name] <= largest)).all():
                 raise FormatError(TENSOR_PREFIX + name, "negative, not finite or too large", TRANSFER_REMEDY)
         try:
-            whole = unzigzag(unpack_integers(known["coefficients"], 2 * count))
+            whole = unzigzag(unpack_integers(arrays["coefficients"], 2 * count))
         except ValueError as error:
             raise FormatError(
                 TENSOR_PREFIX + "coefficients", f"damaged ({error})", TRANSFER_REMEDY
             ) from error
-        if (known["steps"][~rings] != 0).any() or np.abs(whole).max(initial=0) > LARGEST_STEP:
+        if (arrays["steps"][~rings] != 0).any() or np.abs(whole).max(initial=0) > LARGEST_STEP:
             raise FormatError(
                 TENSOR_PREFIX + "coefficients", "too large, or of a mode that does not ring", TRANSFER_REMEDY
             )
-        return cls(centre, radius, wavenumbers, orders, known["steps"], whole, known["residuals"])
+        return cls(centre, radius, wavenumbers, orders, arrays["steps"], whole, arrays["residuals"])
 
 
-def _known(tensors: Mapping[str, np.ndarray], modes: int) -> dict[str, np.ndarray]:
+def _arrays(tensors: Mapping[str, np.ndarray], modes: int) -> dict[str, np.ndarray]:
     """Return the tensors ``audio.transfer_*`` by the rest of their names, each of its shape and kind."""
     expected: dict[str, tuple[tuple[int, ...] | None, type]] = {
         "wavenumbers": ((modes,), np.float64),
@@ -221,13 +223,13 @@ def _known(tensors: Mapping[str, np.ndarray], modes: int) -> dict[str, np.ndarra
         "coefficients": (None, np.uint8),
         "residuals": ((modes,), np.float32),
     }
-    known = {}
+    arrays = {}
     for name, (shape, kind) in expected.items():
         tensor = tensors.get(TENSOR_PREFIX + name)
         if tensor is None or tensor.dtype != kind or (tensor.shape != shape if shape else tensor.ndim != 1):
-            found = "missing" if tensor is None else f"{tensor.dtype} {tensor.shape}"
+            finding = "missing" if tensor is None else f"{tensor.dtype} {tensor.shape}"
             raise FormatError(
-                TENSOR_PREFIX + name, f"{found}, not {np.dtype(kind)} {shape or '(n,)'}", TRANSFER_REMEDY
+                TENSOR_PREFIX + name, f"{finding}, not {np.dtype(kind)} {shape or '(n,)'}", TRANSFER_REMEDY
             )
-        known[name] = tensor
-    return known
+        arrays[name] = tensor
+    return arrays

@@ -117,8 +117,8 @@ class AudioNet:
         """Return the lowest modes for a notebook: frequency, time in which it falls by 60 dB, loss factor."""
         listed = list(zip(self.frequencies_hz, self.t60_s, self.loss_factors, strict=True))[:NOTEBOOK_MODES]
         rows = "".join(f"<tr><td>{hertz:.1f}<td>{fall_s:.3g}<td>{eta:.2g}" for hertz, fall_s, eta in listed)
-        said = html.escape(self.absent or f"{len(self.frequencies_hz)} modes")
-        return f"<div>{said}</div><table><tr><th>Hz<th>T60, s<th>loss factor{rows}</table>"
+        summary = html.escape(self.absent or f"{len(self.frequencies_hz)} modes")
+        return f"<div>{summary}</div><table><tr><th>Hz<th>T60, s<th>loss factor{rows}</table>"
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return what is stored, keys ``audio.*``."""
@@ -142,24 +142,24 @@ class AudioNet:
         """
         points, modes, dimensions = _counts(metadata)
         _check_damping(metadata.get("damping"))
-        known = _tensors_of(tensors, points, modes)
+        arrays = _tensors_of(tensors, points, modes)
         if metadata.get("transfer") is not None:
-            known.update((name, tensors[name]) for name in TRANSFER_TENSORS if name in tensors)
+            arrays.update((name, tensors[name]) for name in TRANSFER_TENSORS if name in tensors)
         for name in (*MODE_TENSORS, "step", RADIATION):
-            values = known.get(f"audio.{name}", np.zeros(0))
+            values = arrays.get(f"audio.{name}", np.zeros(0))
             if not ((values >= 0) & (values <= LARGEST_VALUE)).all():
                 finding = f"audio.{name} is negative, not finite or above {LARGEST_VALUE:g}"
                 raise FormatError("Object File", finding, "Make it again.")
-        if (known.get(f"audio.{RADIATION}", np.zeros(modes)) > known["audio.dampings_per_s"]).any():
+        if (arrays.get(f"audio.{RADIATION}", np.zeros(modes)) > arrays["audio.dampings_per_s"]).any():
             raise FormatError("Object File", f"audio.{RADIATION} is above the whole decay", "Make it again.")
-        faces = known["audio.control_faces"]
+        faces = arrays["audio.control_faces"]
         if len(faces) and (faces.min() < 0 or faces.max() >= len(surface.faces)):
             raise FormatError("Object File", "audio.control_faces names faces that are not there")
-        corners = known["audio.control_barycentric"].astype(np.int64)
+        corners = arrays["audio.control_barycentric"].astype(np.int64)
         if (corners.sum(axis=1) > BARYCENTRIC_STEPS).any():
             raise FormatError("Object File", "audio.control_barycentric lies outside of its face")
-        decode_detours(known["audio.detours"], len(surface.vertices), dimensions, 1.0)
-        net = cls(known, metadata, surface)
+        decode_detours(arrays["audio.detours"], len(surface.vertices), dimensions, 1.0)
+        net = cls(arrays, metadata, surface)
         _ = net._quantised, net._corrected
         return net
 
@@ -302,13 +302,13 @@ def _tensors_of(tensors: Mapping[str, np.ndarray], points: int, modes: int) -> d
     }
     if f"audio.{RADIATION}" in tensors:
         expected[RADIATION] = ((modes,), np.float64)
-    known: dict[str, np.ndarray] = {}
+    arrays: dict[str, np.ndarray] = {}
     for name, (shape, kind) in expected.items():
         tensor = tensors.get(f"audio.{name}")
         if tensor is None:
             raise FormatError("Object File", f"no tensor audio.{name}", "Make it again.")
         fits = len(shape) == tensor.ndim and all(
-            size in (None, found) for size, found in zip(shape, tensor.shape, strict=True)
+            size in (None, extent) for size, extent in zip(shape, tensor.shape, strict=True)
         )
         if not fits or tensor.dtype != kind:
             raise FormatError(
@@ -316,8 +316,8 @@ def _tensors_of(tensors: Mapping[str, np.ndarray], points: int, modes: int) -> d
                 f"tensor audio.{name} is {tensor.dtype} {tensor.shape}, not {np.dtype(kind)} {shape}",
                 "Make it again.",
             )
-        known[f"audio.{name}"] = tensor
-    return known
+        arrays[f"audio.{name}"] = tensor
+    return arrays
 
 
 def size_of(surface: Surface) -> float:

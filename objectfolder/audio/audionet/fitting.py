@@ -194,7 +194,7 @@ def _fit_smooth(
             return fields, None, system
         if count >= MANY_POINTS or count == counts[-1]:
             corrected, weight = _corrected(fields, fitted, tested)
-            error, left = (_errors(one, tested)[0] for one in (fields, corrected))
+            error, left = (_errors(candidate, tested)[0] for candidate in (fields, corrected))
             if (
                 left < CORRECTION_RATIO * error
                 or bytes_rounded(fields, ROUNDING_SHARE * error) > ROOM_USED * room
@@ -211,7 +211,7 @@ def _corrected(fields: Fields, fitted: Data, tested: Data) -> tuple[Fields, floa
     tried: list[tuple[Fields, float | None]] = [(fields, None)]
     if len(fields.basis.kernel.surface.vertices) <= MOST_CORRECTED:
         tried += zip(fields.corrected(fitted, WEIGHTS), WEIGHTS, strict=True)
-    return min(tried, key=lambda one: _errors(one[0], tested)[0])
+    return min(tried, key=lambda candidate: _errors(candidate[0], tested)[0])
 
 
 def _errors(fields: Fields, tested: Data) -> tuple[float, float]:

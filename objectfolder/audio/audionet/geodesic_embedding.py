@@ -56,8 +56,8 @@ def geodesic_embedding(surface: Surface, dimensions: int) -> tuple[Floats, Float
     values, vectors = np.linalg.eigh(-centre @ between @ centre / 2)
     values, vectors = values[::-1][:dimensions], vectors[:, ::-1][:, :dimensions]
     vectors = vectors * np.where(vectors[np.abs(vectors).argmax(axis=0), np.arange(len(values))] < 0, -1, 1)
-    kept = values > 1e-9 * size**2
-    scaled = np.where(kept, vectors / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+    positive = values > 1e-9 * size**2
+    scaled = np.where(positive, vectors / np.sqrt(np.where(positive, values, 1.0)), 0.0)
     coordinates = -(detour.T - between.mean(axis=0)) @ scaled / 2
     result = np.zeros((len(surface.vertices), dimensions))
     inside = used[used < len(surface.vertices)]
@@ -68,7 +68,7 @@ def geodesic_embedding(surface: Surface, dimensions: int) -> tuple[Floats, Float
 
 
 def farthest_points(
-    features: Floats, count: int, weights: Floats | None = None, taken: Floats | None = None
+    features: Floats, count: int, weights: Floats | None = None, start: Floats | None = None
 ) -> Integers:
     """Farthest-point order: indices (count,) such that any leading part of it is spread out.
 
@@ -80,16 +80,16 @@ def farthest_points(
         How many.
     weights
         (n,) factors of the squared distances: more are chosen where they are large.
-    taken
+    start
         (m, dimensions) features to be far from as well; without them the first point is the first chosen.
     """
     factor = np.ones(len(features)) if weights is None else weights
     distance = np.full(len(features), np.inf)
-    for other in [] if taken is None else taken:
-        distance = np.minimum(distance, np.sum((features - other) ** 2, axis=1))
+    for feature in [] if start is None else start:
+        distance = np.minimum(distance, np.sum((features - feature) ** 2, axis=1))
     chosen = np.zeros(count, dtype=np.int64)
     for step in range(count):
-        if step > 0 or taken is not None:
+        if step > 0 or start is not None:
             chosen[step] = (distance * factor).argmax()
         distance = np.minimum(distance, np.sum((features - features[chosen[step]]) ** 2, axis=1))
     return chosen

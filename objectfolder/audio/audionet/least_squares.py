@@ -56,13 +56,13 @@ class Data:
         """Some of the points."""
         return Data(self.face[chosen], self.barycentric[chosen], self.values[chosen], self.weights[chosen])
 
-    def joined(self, other: "Data") -> "Data":
+    def joined(self, data: "Data") -> "Data":
         """Both."""
         return Data(
-            np.concatenate([self.face, other.face]),
-            np.concatenate([self.barycentric, other.barycentric]),
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.weights, other.weights]),
+            np.concatenate([self.face, data.face]),
+            np.concatenate([self.barycentric, data.barycentric]),
+            np.concatenate([self.values, data.values]),
+            np.concatenate([self.weights, data.weights]),
         )
 
 

@@ -68,8 +68,8 @@ def round_fields(fields: Fields, tested: Data, allowed: float, room: int) -> Rou
     step = _step(fields, allowed)
     for _ in range(TRIED if len(tested.values) else 0):
         error = float(np.linalg.norm(_round(fields, step).change(fields).at(tested)))
-        wanted = allowed * float(np.linalg.norm(tested.values))
-        step *= min(max(wanted / max(error, 1e-300), 0.1), 10.0)
+        goal = allowed * float(np.linalg.norm(tested.values))
+        step *= min(max(goal / max(error, 1e-300), 0.1), 10.0)
     low = high = step
     while (rounded := _round(fields, high)).bytes() > room:
         if high > 4 * largest:

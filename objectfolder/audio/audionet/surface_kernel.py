@@ -107,10 +107,10 @@ class SurfaceKernel:
     @staticmethod
     def covariance(a: Floats, b: Floats) -> Floats:
         """Covariance (n, m) of points with features a (n, .) and b (m, .)."""
-        one, other = a[:, 3:], b[:, 3:]
-        r = one @ (-2 * other.T)
-        r += np.sum(one**2, axis=1)[:, None]
-        r += np.sum(other**2, axis=1)
+        first, second = a[:, 3:], b[:, 3:]
+        r = first @ (-2 * second.T)
+        r += np.sum(first**2, axis=1)[:, None]
+        r += np.sum(second**2, axis=1)
         # Equal points come out a rounding error apart, of which the covariance is a smooth function.
         r = np.sqrt(np.maximum(r, 0.0, out=r), out=r)
         result = np.exp(-r)

@@ -91,17 +91,17 @@ def curve(space: Space, faces: Integers, normals: Floats, target: Surface) -> tu
     geometry, creased_edges = _bend(space, geometry, boundary, facing)
     free = np.ones(len(geometry), dtype=bool)
     free[boundary.vertices[creased]] = free[boundary.numbers[creased_edges]] = False
-    geometry, held, kept = _unfold(space, bend_along(space, geometry, boundary.numbers))
+    geometry, folds, intact = _unfold(space, bend_along(space, geometry, boundary.numbers))
     for _ in range(FITS):
-        free &= kept
+        free &= intact
         geometry = _fit(space, geometry, boundary, facing, free)
-        geometry, more, kept = _unfold(space, bend_along(space, geometry, boundary.numbers))
-        held |= more
+        geometry, more, intact = _unfold(space, bend_along(space, geometry, boundary.numbers))
+        folds |= more
     bent = space.shaped(geometry)
     moved = geometry[: space.vertex_count] != space.geometry[: space.vertex_count]
     return bent, {
         "curved_elements": int(bent.curved.sum()),
-        "held_straight": int(held.sum()),
+        "held_straight": int(folds.sum()),
         "snapped_vertices": int(np.count_nonzero(moved.any(axis=1))),
     }
 
@@ -119,10 +119,10 @@ class _Boundary:
         self.numbers = _edge_functions(space, self.edges)
         self.vertices, self.vertex_normals = _mean_normals(faces.reshape(-1), np.repeat(normals, 3, axis=0))
         _, self.edge_normals = _mean_normals(self.sides.reshape(-1), np.repeat(normals, 3, axis=0))
-        one, other = table.manifold_pairs()
-        turned = np.einsum("ij,ij->i", normals[one // 3], normals[other // 3])
+        first, second = table.manifold_pairs()
+        turned = np.einsum("ij,ij->i", normals[first // 3], normals[second // 3])
         self.sharp = np.zeros(len(self.edges), dtype=bool)
-        self.sharp[table.of_corner[one[turned < np.cos(np.radians(SHARP_TURN))]]] = True
+        self.sharp[table.of_corner[first[turned < np.cos(np.radians(SHARP_TURN))]]] = True
         positions = space.geometry[: space.vertex_count]
         self.lengths = np.linalg.norm(positions[self.edges[:, 1]] - positions[self.edges[:, 0]], axis=1)
         self.shortest = np.full(space.vertex_count, np.inf)
@@ -134,27 +134,27 @@ def _snap_vertices(space: Space, boundary: _Boundary, facing: FacingTarget) -> t
     vertex = boundary.vertices
     positions = space.geometry[: space.vertex_count]
     reach = MOVE_SHARE * boundary.shortest[vertex]
-    moved, _, found = facing.places(positions[vertex], boundary.vertex_normals, reach)
+    moved, _, hit = facing.places(positions[vertex], boundary.vertex_normals, reach)
     at_crease, creased = facing.creases(positions[vertex], reach / 2)
     creased &= np.isin(vertex, boundary.edges[boundary.sharp])
-    moved[creased], found[creased] = at_crease[creased], True
-    wanted = np.zeros_like(positions)
-    wanted[vertex[found]] = moved[found] - positions[vertex[found]]
+    moved[creased], hit[creased] = at_crease[creased], True
+    movement = np.zeros_like(positions)
+    movement[vertex[hit]] = moved[hit] - positions[vertex[hit]]
     geometry = space.geometry.copy()
-    geometry[: space.vertex_count] += _bearable(positions, space.tetrahedra, wanted)
+    geometry[: space.vertex_count] += _bearable(positions, space.tetrahedra, movement)
     return geometry, creased
 
 
-def _bearable(positions: Floats, tetrahedra: Integers, wanted: Floats) -> Floats:
+def _bearable(positions: Floats, tetrahedra: Integers, movement: Floats) -> Floats:
     """Movements (v, 3) cut back until no element loses more than it may of its volume."""
     before = _volumes(positions, tetrahedra)
-    wanted = wanted.copy()
+    movement = movement.copy()
     for attempt in range(4 + len(positions)):
-        bad = _volumes(positions + wanted, tetrahedra) / before < LEAST_SHRINKING
+        bad = _volumes(positions + movement, tetrahedra) / before < LEAST_SHRINKING
         if not bad.any():
             break
-        wanted[tetrahedra[bad].ravel()] *= 0.5 if attempt < 4 else 0.0
-    return wanted
+        movement[tetrahedra[bad].ravel()] *= 0.5 if attempt < 4 else 0.0
+    return movement
 
 
 def _bend(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarget) -> tuple[Floats, Chosen]:
@@ -168,13 +168,13 @@ def _bend(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTar
     flat = points.reshape(-1, 3)
     places, _, near = facing.places(flat, np.repeat(boundary.edge_normals, many, axis=0), reach)
     at_crease, creased = facing.creases(flat, reach / 2)
-    found = near.reshape(-1, many).all(axis=1)
+    hit = near.reshape(-1, many).all(axis=1)
     use = boundary.sharp & creased.reshape(-1, many).all(axis=1)
     movement = places.reshape(points.shape) - points
-    movement[use], found[use] = (at_crease.reshape(points.shape) - points)[use], True
+    movement[use], hit[use] = (at_crease.reshape(points.shape) - points)[use], True
     geometry = geometry.copy()
     shape = evaluate(on_edge, GEOMETRY_ORDER)[:, 4 + _local_edge(0, 1)]
-    geometry[boundary.numbers[found]] = np.einsum("p,epd->ed", shape / (shape @ shape), movement[found])
+    geometry[boundary.numbers[hit]] = np.einsum("p,epd->ed", shape / (shape @ shape), movement[hit])
     return geometry, use
 
 
@@ -197,9 +197,9 @@ def bend_along(space: Space, geometry: Floats, boundary_edges: Integers) -> Floa
     columns, local = np.unique(numbers[:, 4:], return_inverse=True)
     local = local.reshape(-1, QUADRATIC - 4)
     inner = ~np.isin(columns, boundary_edges)
-    given = geometry[columns]
-    given[inner] = 0.0
-    if not inner.any() or not given.any():
+    boundary_bends = geometry[columns]
+    boundary_bends[inner] = 0.0
+    if not inner.any() or not boundary_bends.any():
         result = geometry.copy()
         result[columns[inner]] = 0.0
         return result
@@ -210,11 +210,11 @@ def bend_along(space: Space, geometry: Floats, boundary_edges: Integers) -> Floa
     metric = np.einsum("tkd,tld->tkl", slopes, slopes) * np.abs(np.linalg.det(jacobian))[:, None, None]
     _, products = reference_integrals(2)
     element = np.einsum("ijkl,tkl->tij", products[4:, 4:], metric, optimize=True)
-    rows, others = np.broadcast_arrays(local[:, :, None], local[:, None, :])
+    rows, partners = np.broadcast_arrays(local[:, :, None], local[:, None, :])
     matrix = sparse.csr_matrix(
-        (element.ravel(), (rows.ravel(), others.ravel())), shape=(len(columns), len(columns))
+        (element.ravel(), (rows.ravel(), partners.ravel())), shape=(len(columns), len(columns))
     )
-    right = -(matrix[inner] @ given)
+    right = -(matrix[inner] @ boundary_bends)
     bends = Factorisation(matrix[inner][:, inner].tocsr(), definite=True).solve(right)
     lengths = np.zeros(len(columns))
     ends = corner[:, EDGES]
@@ -234,7 +234,7 @@ def _fit(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarg
     points, weights, slopes = _on_face()
     numbers = np.concatenate([boundary.corners, boundary.numbers[boundary.sides]], axis=1)
     shape = geometry[numbers]
-    here = np.einsum("pk,fkd->fpd", weights, shape)
+    positions = np.einsum("pk,fkd->fpd", weights, shape)
     first, second = (np.einsum("pk,fkd->fpd", slope, shape) for slope in slopes)
     area = np.cross(first, second)
     area *= np.sign(np.einsum("fpd,fd->fp", area, boundary.normals))[:, :, None]
@@ -242,18 +242,18 @@ def _fit(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarg
     outward = area / np.maximum(size, 1e-300)[:, :, None]
     many = len(points)
     reach = np.repeat(MOVE_SHARE / 2 * boundary.lengths[boundary.sides].min(axis=1), many)
-    places, normals, found = facing.places(here.reshape(-1, 3), outward.reshape(-1, 3), reach)
-    gap = np.einsum("id,id->i", places - here.reshape(-1, 3), normals)
-    found &= np.abs(gap) <= reach
+    places, normals, hit = facing.places(positions.reshape(-1, 3), outward.reshape(-1, 3), reach)
+    gap = np.einsum("id,id->i", places - positions.reshape(-1, 3), normals)
+    hit &= np.abs(gap) <= reach
 
     direction = np.zeros_like(geometry)
     direction[boundary.vertices] = boundary.vertex_normals
     direction[boundary.numbers] = boundary.edge_normals
-    effect = np.einsum("pk,fkd,fpd->fpk", weights, direction[numbers], normals.reshape(here.shape))
+    effect = np.einsum("pk,fkd,fpd->fpk", weights, direction[numbers], normals.reshape(positions.shape))
     effect *= free[numbers][:, None]
     columns, unknown = np.unique(numbers, return_inverse=True)
     unknown = unknown.reshape(numbers.shape)
-    scaled = size.ravel() * found
+    scaled = size.ravel() * hit
     pairs = (np.repeat(np.arange(len(gap)), numbers.shape[1]), np.repeat(unknown, many, axis=0).ravel())
     matrix = sparse.csr_matrix((effect.ravel(), pairs), shape=(len(gap), len(columns)))
     weighted = matrix.T @ sparse.diags(scaled)
@@ -261,12 +261,12 @@ def _fit(space: Space, geometry: Floats, boundary: _Boundary, facing: FacingTarg
     diagonal = normal.diagonal()
     stay = STAYING * diagonal + np.where(diagonal > 0, 0.0, 1.0)
     step = np.asarray(spsolve(normal + sparse.diags(stay).tocsc(), weighted @ gap))
-    wanted = np.zeros_like(geometry)
-    wanted[columns] = step[:, None] * direction[columns]
+    movement = np.zeros_like(geometry)
+    movement[columns] = step[:, None] * direction[columns]
     count = space.vertex_count
     geometry = geometry.copy()
-    wanted[:count] = _bearable(geometry[:count], space.tetrahedra, wanted[:count])
-    return geometry + wanted
+    movement[:count] = _bearable(geometry[:count], space.tetrahedra, movement[:count])
+    return geometry + movement
 
 
 def _on_face() -> tuple[Floats, Floats, tuple[Floats, Floats]]:
@@ -300,18 +300,18 @@ def _edge_functions(space: Space, edges: Integers) -> Integers:
         [space.tetrahedra[:, a] * space.vertex_count + space.tetrahedra[:, b] for a, b in pairs]
     )
     every, first = np.unique(keys, return_index=True)
-    wanted = np.searchsorted(every, edges[:, 0] * space.vertex_count + edges[:, 1])
-    return np.asarray(space.numbers[:, 4:10].T.ravel()[first[wanted]])
+    ranks = np.searchsorted(every, edges[:, 0] * space.vertex_count + edges[:, 1])
+    return np.asarray(space.numbers[:, 4:10].T.ravel()[first[ranks]])
 
 
 def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen, Chosen]:
-    """Geometry without folded elements or nearly so; which (t,) had to be bent less; functions kept.
+    """Geometry without folded elements or nearly so; which (t,) folded; functions left intact.
 
     Of a folded element first the edges are straightened that bend most for their length: short ones around a
-    rim. The long ones of the wall beside it carry its curvature. Functions (function,) not kept bend less.
+    rim. The long ones of the wall beside it carry its curvature. Functions not intact bend less.
     """
-    held = np.zeros(len(space.tetrahedra), dtype=bool)
-    kept = np.ones(len(geometry), dtype=bool)
+    folds = np.zeros(len(space.tetrahedra), dtype=bool)
+    intact = np.ones(len(geometry), dtype=bool)
     geometry = geometry.copy()
     # It ends: an element that is still folded is bent, and no bend comes back.
     for sharpest, factor in chain(UNFOLDING, repeat(STRAIGHT)):
@@ -319,8 +319,8 @@ def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen, Chosen]:
         least = least_jacobian(geometry[space.numbers[bent, :QUADRATIC]])
         folded = bent[least < LEAST_JACOBIAN]
         if len(folded) == 0:
-            return geometry, held, kept
-        held[folded] = True
+            return geometry, folds, intact
+        folds[folded] = True
         numbers = space.numbers[folded, 4:QUADRATIC]
         ends = geometry[space.tetrahedra[folded][:, EDGES]]
         bend = np.linalg.norm(geometry[numbers], axis=2) / np.linalg.norm(
@@ -328,7 +328,7 @@ def _unfold(space: Space, geometry: Floats) -> tuple[Floats, Chosen, Chosen]:
         )
         less = np.unique(numbers[bend >= sharpest * bend.max(axis=1, keepdims=True)])
         geometry[less] *= factor
-        kept[less] = False
+        intact[less] = False
     raise AssertionError("the last factor straightens everything")
 
 

@@ -149,13 +149,13 @@ def assemble(
     renumbered = np.where(chosen, np.cumsum(chosen) - 1, -1)[space.numbers]
     count = renumbered.shape[1]
     row, column = np.repeat(renumbered, count, axis=1), np.tile(renumbered, (1, count))
-    wanted = (row >= 0) & (column >= 0)
-    key, position = np.unique((row * size + column)[wanted], return_inverse=True)
-    first = np.concatenate([[0], np.cumsum(wanted.sum(axis=1))])
+    present = (row >= 0) & (column >= 0)
+    key, position = np.unique((row * size + column)[present], return_inverse=True)
+    first = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
     indices, indptr = key % size, np.searchsorted(key, np.arange(size + 1) * size)
     blocks, mass = np.zeros((len(key), 9)), np.zeros(len(key))
     for elements, every, weights in matrices or ElementMatrices(space, poisson_ratio):
-        inside = wanted[elements].ravel()
+        inside = present[elements].ravel()
         local = every.reshape(-1, 9)[inside]
         where = np.concatenate([position[first[e] : first[e + 1]] for e in elements])
         touched, target = np.unique(where, return_inverse=True)
@@ -219,6 +219,6 @@ def gains_of_more_functions(
         diagonal += np.asarray(gather @ own)
     left = np.flatnonzero(~chosen)
     result = np.zeros((space.size, modes))
-    wanted = residual[left].reshape(-1, 3, modes)
-    result[left] = np.sum(wanted * np.linalg.solve(diagonal[left].reshape(-1, 3, 3), wanted), axis=1)
+    residuals = residual[left].reshape(-1, 3, modes)
+    result[left] = np.sum(residuals * np.linalg.solve(diagonal[left].reshape(-1, 3, 3), residuals), axis=1)
     return result

@@ -16,7 +16,7 @@ from objectfolder.surface.surface import (
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Found = NDArray[np.bool_]
+Hits = NDArray[np.bool_]
 CANDIDATES = 12
 TARGET_SAMPLES = 60_000
 # Degrees between faces at a sharp edge.
@@ -65,7 +65,7 @@ class FacingTarget:
         start, end = self._creases[self._crease, 0], self._creases[self._crease, 1]
         self._crease_tree = cKDTree(start + at * (end - start)) if len(length) else None
 
-    def places(self, points: Floats, normals: Floats, reach: Floats) -> tuple[Floats, Floats, Found]:
+    def places(self, points: Floats, normals: Floats, reach: Floats) -> tuple[Floats, Floats, Hits]:
         """Nearest places (n, 3), unit normals there (n, 3), and whether one was found.
 
         Parameters
@@ -79,8 +79,8 @@ class FacingTarget:
         if scale not in self._trees:
             features = [self._points, scale * self._surface.face_normals[self._faces]]
             self._trees[scale] = cKDTree(np.concatenate(features, axis=1))
-        _, found = self._trees[scale].query(np.concatenate([points, scale * normals], axis=1), CANDIDATES)
-        candidates = self._faces[found]
+        _, nearest = self._trees[scale].query(np.concatenate([points, scale * normals], axis=1), CANDIDATES)
+        candidates = self._faces[nearest]
         triangles = self._triangles[candidates].reshape(-1, 3, 3)
         barycentric = closest_barycentric(triangles, np.repeat(points, CANDIDATES, axis=0))
         flat = np.einsum("ij,ijk->ik", barycentric, triangles).reshape(len(points), CANDIDATES, 3)
@@ -99,13 +99,13 @@ class FacingTarget:
         facing_there /= np.maximum(np.linalg.norm(facing_there, axis=1, keepdims=True), 1e-300)
         return bent, facing_there, distance[rows, best] <= reach
 
-    def creases(self, points: Floats, reach: Floats) -> tuple[Floats, Found]:
+    def creases(self, points: Floats, reach: Floats) -> tuple[Floats, Hits]:
         """Nearest places (n, 3) of sharp edges, and whether one was found within `reach` (n,)."""
         if self._crease_tree is None:
             return points.copy(), np.zeros(len(points), dtype=bool)
         count = min(NEAREST_CREASES, len(self._crease))
-        found = np.reshape(self._crease_tree.query(points, count)[1], (len(points), count))
-        segment = self._creases[self._crease[found]]
+        nearest = np.reshape(self._crease_tree.query(points, count)[1], (len(points), count))
+        segment = self._creases[self._crease[nearest]]
         along = segment[:, :, 1] - segment[:, :, 0]
         offset = points[:, None] - segment[:, :, 0]
         squared = np.maximum(np.einsum("nkd,nkd->nk", along, along), 1e-300)
@@ -124,17 +124,17 @@ def _corner_normals(surface: Surface) -> Floats:
     """
     normals, vertex = surface.face_normals, surface.faces.ravel()
     at = sparse.csr_array((np.ones(len(vertex)), (np.arange(len(vertex)), vertex)))
-    own, other = (at @ at.T).nonzero()
-    turn = np.einsum("ij,ij->i", normals[own // 3], normals[other // 3])
+    own, neighbour = (at @ at.T).nonzero()
+    turn = np.einsum("ij,ij->i", normals[own // 3], normals[neighbour // 3])
     low, high = np.cos(np.radians([SHARP_ABOVE_DEG, SMOOTH_BELOW_DEG]))
     ramp = np.clip((turn - low) / (high - low), 0.0, 1.0)
-    area, largest = surface.face_areas[other // 3], np.zeros(len(vertex))
+    area, largest = surface.face_areas[neighbour // 3], np.zeros(len(vertex))
     np.maximum.at(largest, own, np.where(ramp > 0, area, 0.0))
     share = BEVELLED * area / np.maximum(largest[own], 1e-300)
-    weight = corner_angles(surface.vertices, surface.faces).ravel()[other] * ramp * ramp * (3 - 2 * ramp)
+    weight = corner_angles(surface.vertices, surface.faces).ravel()[neighbour] * ramp * ramp * (3 - 2 * ramp)
     weight *= np.clip((share - 1) / (BEVELLED / BEVEL_RATIO - 1), 0.0, 1.0)
     total = np.stack(
-        [np.bincount(own, weight * normals[other // 3, axis], len(vertex)) for axis in range(3)], 1
+        [np.bincount(own, weight * normals[neighbour // 3, axis], len(vertex)) for axis in range(3)], 1
     )
     flat = ~total.any(axis=1)
     total[flat] = normals[np.flatnonzero(flat) // 3]
@@ -154,12 +154,12 @@ def _roundness(surface: Surface, first: Integers, second: Integers, turn_deg: Fl
     """
     # Normals at corners do not reach across a crease.
     smooth = (turn_deg > FLAT_TURN) & (turn_deg < SHARP_ABOVE_DEG)
-    one, other, turn = first[smooth] // 3, second[smooth] // 3, turn_deg[smooth]
+    face_a, face_b, turn = first[smooth] // 3, second[smooth] // 3, turn_deg[smooth]
     widest, deepest = np.zeros(len(surface.faces)), np.ones(len(surface.faces))
     # Both are as wide as their common edge, so that areas are as depths.
     area = np.maximum(surface.face_areas, 1e-300)
-    for here, there in ((one, other), (other, one)):
-        np.maximum.at(widest, here, turn)
-        np.maximum.at(deepest, here, area[here] / area[there])
+    for face, neighbour in ((face_a, face_b), (face_b, face_a)):
+        np.maximum.at(widest, face, turn)
+        np.maximum.at(deepest, face, area[face] / area[neighbour])
     even = np.clip((BEVELLED - deepest) / (BEVELLED - BEVEL_RATIO), 0.0, 1.0)
     return np.asarray(np.clip((FACETED - widest) / (FACETED - ROUND), 0.0, 1.0) * even)

@@ -61,7 +61,7 @@ BESIDE_LOWER = 2.8
 
 
 @dataclass(frozen=True)
-class Wanted:
+class Goal:
     """What is asked of a spectrum.
 
     Attributes
@@ -116,7 +116,7 @@ class Choice:
     together: float = GROUP_GAIN_RATIO
 
 
-def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, wanted: Wanted) -> Spectrum:
+def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, goal: Goal) -> Spectrum:
     """Elastic modes below a limit to an accuracy, in the functions of a space that this needs.
 
     Parameters
@@ -125,7 +125,7 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, want
         Of the highest order to be used, bent or straight.
     component
         (v,) body of each vertex.
-    wanted
+    goal
         What was reached of its accuracy stands in `error_cents`.
 
     Raises
@@ -137,56 +137,56 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, want
         The time is over.
     """
     started = time.process_time()
-    choice = _choose(space, component, poisson_ratio, wanted)
+    choice = _choose(space, component, poisson_ratio, goal)
     chose = time.process_time() - started
-    found = solve_spectrum(
+    spectrum = solve_spectrum(
         choice.matrices.space,
         component,
         poisson_ratio,
-        below=wanted.below,
-        max_modes=wanted.max_modes,
-        seed=wanted.seed,
+        below=goal.below,
+        max_modes=goal.max_modes,
+        seed=goal.seed,
         chosen=choice.chosen,
         matrices=choice.matrices,
         start=choice.pairs,
-        limits=wanted.limits,
+        limits=goal.limits,
     )
     return replace(
-        found,
-        error_cents=_remaining_cents(choice, found.eta_squared),
+        spectrum,
+        error_cents=_remaining_cents(choice, spectrum.eta_squared),
         steps=[
             {"order": GEOMETRY_ORDER + index, "functions": count}
             for index, count in enumerate(choice.functions)
         ],
-        seconds={"choose_functions": chose, **found.seconds},
+        seconds={"choose_functions": chose, **spectrum.seconds},
     )
 
 
-def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wanted) -> Choice:
+def _choose(space: Space, component: Integers, poisson_ratio: float, goal: Goal) -> Choice:
     """Choose the functions of a space that modes need for an accuracy."""
     usual = _up_to(space, min(USUAL_ORDER, space.order))
     highest, few = space, usual.size <= MOST_FUNCTIONS
-    if space.size > FEW_FUNCTIONS and wanted.accuracy_cents >= USUAL_CENTS:
+    if space.size > FEW_FUNCTIONS and goal.accuracy_cents >= USUAL_CENTS:
         space = usual
     order = min(GEOMETRY_ORDER, space.order)
-    _refuse_many(space, order, wanted)
+    _refuse_many(space, order, goal)
     matrices = ElementMatrices(_up_to(space, order), poisson_ratio)
     chosen = matrices.space.orders <= order
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
     choice = Choice(matrices, chosen, order)
-    if wanted.below < COMPACT_LIMIT:
-        pencil = pencil_of(matrices, component, chosen, wanted.limits)
-        if count_below(pencil, wanted.below) == 0:
-            if _is_silent(choice, pencil, space, component, wanted):
+    if goal.below < COMPACT_LIMIT:
+        pencil = pencil_of(matrices, component, chosen, goal.limits)
+        if count_below(pencil, goal.below) == 0:
+            if _is_silent(choice, pencil, space, component, goal):
                 return choice
-            largest = _largest(usual, wanted.max_unknowns // 3)
+            largest = _largest(usual, goal.max_unknowns // 3)
             matrices = ElementMatrices(largest, poisson_ratio)
             return Choice(matrices, np.ones(matrices.space.size, dtype=bool), matrices.space.order)
     while True:
-        choice = _solved(choice, component, wanted)
+        choice = _solved(choice, component, goal)
         if choice.order == space.order or len(choice.ladder[-1]) == 0:
             return choice
-        before, choice = choice.order, _enriched(choice, space, wanted)
+        before, choice = choice.order, _enriched(choice, space, goal)
         gained_cents = CENTS_PER_RELATIVE_EIGENVALUE * choice.together * choice.foretold
         if choice.order == space.order and few and gained_cents.max(initial=0.0) > MUCH_GAINED_CENTS:
             space = highest
@@ -194,45 +194,45 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, wanted: Wan
             return choice
 
 
-def _refuse_many(space: Space, order: int, wanted: Wanted) -> None:
+def _refuse_many(space: Space, order: int, goal: Goal) -> None:
     """Raise `UnsolvableError` where the lowest order alone has more functions than there may be."""
     unknowns = 3 * int(np.count_nonzero(space.orders <= order))
-    if unknowns > wanted.max_unknowns:
+    if unknowns > goal.max_unknowns:
         raise UnsolvableError(
             "modes",
             f"{len(space.tetrahedra)} elements have {unknowns} unknowns of order {order}, more than "
-            f"max_unknowns {wanted.max_unknowns}",
+            f"max_unknowns {goal.max_unknowns}",
             "Simplify the surface, or leave out its small parts",
         )
 
 
-def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers, wanted: Wanted) -> bool:
+def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers, goal: Goal) -> bool:
     """Whether no function of a higher order can bring a mode below the limit, where order 2 has none.
 
     The first eigenvalue of order 3 is farther above the limit than it fell from order 2: what higher orders
     take off is less than that, for the error of order 3 is at most half of that of order 2.
     """
-    if count_below(pencil, HEARD_BAND * wanted.below) == 0:
+    if count_below(pencil, HEARD_BAND * goal.below) == 0:
         return True
-    shift = low_shift(wanted.below)
+    shift = low_shift(goal.below)
     low = lowest_elastic(
-        pencil, below=np.inf, at_most=FIRST_MODES, shift=shift, tolerance=START_TOLERANCE, seed=wanted.seed
+        pencil, below=np.inf, at_most=FIRST_MODES, shift=shift, tolerance=START_TOLERANCE, seed=goal.seed
     )
     matrices = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
     every = np.ones(matrices.space.size, dtype=bool)
-    upper = pencil_of(matrices, component, every, wanted.limits)
+    upper = pencil_of(matrices, component, every, goal.limits)
     start = _widened(low.vectors, _among_more(choice.chosen, matrices.space))
     high = improve(upper, start, shift=shift)
-    return bool(2 * high.values[0] - low.values[0] > wanted.below)
+    return bool(2 * high.values[0] - low.values[0] > goal.below)
 
 
-def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
+def _solved(choice: Choice, component: Integers, goal: Goal) -> Choice:
     """The choice with its modes: those below the limit and some beyond, nearly.
 
     From the vectors of fewer functions as many as these; else those looked for from scratch.
     """
-    pencil = pencil_of(choice.matrices, component, choice.chosen, wanted.limits)
-    shift = low_shift(wanted.below)
+    pencil = pencil_of(choice.matrices, component, choice.chosen, goal.limits)
+    shift = low_shift(goal.below)
     if choice.pairs is not None:
         pairs = improve(pencil, choice.pairs.vectors, shift=shift)
         band = START_BAND
@@ -240,17 +240,17 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
         band = GUARD_BAND
         pairs = lowest_elastic(
             pencil,
-            below=GUARD_BAND * wanted.below,
-            at_most=wanted.max_modes + _guard(wanted.max_modes),
+            below=GUARD_BAND * goal.below,
+            at_most=goal.max_modes + _guard(goal.max_modes),
             shift=shift,
             tolerance=START_TOLERANCE,
-            seed=wanted.seed,
+            seed=goal.seed,
         )
-    inside = min(int(np.count_nonzero(pairs.values < band * wanted.below)), wanted.max_modes)
+    inside = min(int(np.count_nonzero(pairs.values < band * goal.below)), goal.max_modes)
     pairs = pairs.first(min(len(pairs.values), inside + _guard(inside)))
     together = choice.together
     if choice.ladder:
-        together = _measured_together(choice, pairs.values, wanted.below)
+        together = _measured_together(choice, pairs.values, goal.below)
     return replace(
         choice,
         ladder=[*choice.ladder, pairs.values],
@@ -260,51 +260,51 @@ def _solved(choice: Choice, component: Integers, wanted: Wanted) -> Choice:
     )
 
 
-def _enriched(choice: Choice, space: Space, wanted: Wanted) -> Choice:
+def _enriched(choice: Choice, space: Space, goal: Goal) -> Choice:
     """The choice with the functions of the next order that audible modes need for the accuracy.
 
     The same functions where they need none.
     """
-    found, pairs = choice.ladder[-1], choice.pairs
+    eigenvalues, pairs = choice.ladder[-1], choice.pairs
     assert pairs is not None
     # Those above the limit too: with more functions they may come to lie below it.
-    near = max(int(np.count_nonzero(found < START_BAND * wanted.below)), 1)
+    near = max(int(np.count_nonzero(eigenvalues < START_BAND * goal.below)), 1)
     leading = np.unique(np.linspace(0, near - 1, min(near, LEADING_MODES)).round().astype(np.int64))
-    values = found[leading]
+    values = eigenvalues[leading]
     upper = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
     before = _among_more(choice.chosen, upper.space)
     first = _widened(pairs.vectors[:, leading], before).reshape(-1, 3, len(values))
     used = before.copy()
     gains = gains_of_more_functions(upper, used, first, values) / values
-    heard = values * (1 - np.minimum(choice.together * gains.sum(axis=0), 0.9)) < wanted.below
+    heard = values * (1 - np.minimum(choice.together * gains.sum(axis=0), 0.9)) < goal.below
     cents = CENTS_PER_RELATIVE_EIGENVALUE * choice.together * BESIDE_LOWER
-    taken = np.zeros(0, dtype=np.int64)
+    additions = np.zeros(0, dtype=np.int64)
     if heard.any():
-        room = wanted.most_functions(pairs.vectors.shape[1]) - int(used.sum())
-        allowed = SHARE_LEFT * wanted.accuracy_cents / cents
-        taken = _most_useful(upper.space, gains[:, heard], used, allowed, room)
-    foretold = gains[taken].sum(axis=0)
+        room = goal.most_functions(pairs.vectors.shape[1]) - int(used.sum())
+        allowed = SHARE_LEFT * goal.accuracy_cents / cents
+        additions = _most_useful(upper.space, gains[:, heard], used, allowed, room)
+    foretold = gains[additions].sum(axis=0)
     left = cents * (gains.sum(axis=0) - foretold)
     choice = replace(choice, leading=leading, foretold=foretold, left_cents=left)
-    if len(taken) == 0:
+    if len(additions) == 0:
         return choice
-    used[taken] = True
+    used[additions] = True
     return replace(
         choice,
         matrices=upper,
         chosen=used,
         order=choice.order + 1,
-        pairs=Eigenpairs(found, _widened(pairs.vectors, before[used])),
+        pairs=Eigenpairs(eigenvalues, _widened(pairs.vectors, before[used])),
     )
 
 
 def _measured_together(choice: Choice, after: Floats, below: float) -> float:
     """What functions gained together over what they were to gain alone, for modes below the limit."""
     before = choice.ladder[-1][choice.leading]
-    both = choice.leading < len(after)
-    both &= before < max(below, before[0] * (1 + 1e-9))
-    gained = 1 - after[choice.leading[both]] / before[both]
-    return float(np.clip(np.median(gained) / max(np.median(choice.foretold[both]), 1e-300), 1.0, 10.0))
+    shared = choice.leading < len(after)
+    shared &= before < max(below, before[0] * (1 + 1e-9))
+    gained = 1 - after[choice.leading[shared]] / before[shared]
+    return float(np.clip(np.median(gained) / max(np.median(choice.foretold[shared]), 1e-300), 1.0, 10.0))
 
 
 def _largest(space: Space, functions: int) -> Space:

@@ -59,11 +59,11 @@ class Boundary:
         deep = np.flatnonzero(distance > 2 * epsilon_m)
         if len(deep):
             holder, inside = _locate(self._solid, points[deep])
-            found = holder >= 0
-            held = holder[found]
-            result[deep[found]] = self._space.values(vectors, held, self._ascending(held, inside[found]))
-            distance[deep[found]] = 0.0
-            outside[deep[found]] = False
+            hit = holder >= 0
+            holders = holder[hit]
+            result[deep[hit]] = self._space.values(vectors, holders, self._ascending(holders, inside[hit]))
+            distance[deep[hit]] = 0.0
+            outside[deep[hit]] = False
         reached = np.minimum(2 * epsilon_m / np.maximum(distance, 1e-300), 1.0)
         at = np.flatnonzero(outside)
         element = self._element[nearest.face[at]]

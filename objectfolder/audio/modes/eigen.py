@@ -125,12 +125,12 @@ def rigid_motions(
     columns = []
     for index in range(int(component.max()) + 1):
         inside = component == index
-        one = inside & (np.arange(len(geometry)) < vertex_count)
+        corners = inside & (np.arange(len(geometry)) < vertex_count)
         centred = np.where(inside[:, None], geometry, 0.0)
-        centred[one] -= centred[one].mean(axis=0)
+        centred[corners] -= centred[corners].mean(axis=0)
         for axis in range(3):
             translation = np.zeros_like(geometry)
-            translation[one, axis] = 1
+            translation[corners, axis] = 1
             rotation = np.cross(np.eye(3)[axis], centred)
             columns += [translation.ravel(), rotation.ravel()]
     motions = np.stack(columns, axis=1)
@@ -230,8 +230,8 @@ def lowest_elastic(
         values, vectors = linalg.eigh(pencil.stiffness.toarray(), np.kron(pencil.mass.toarray(), np.eye(3)))
         count = pencil.rigid.shape[1]
         values, vectors = values[count:], vectors[:, count:]
-        kept = min(int(np.count_nonzero(values < below)), at_most) + 1
-        return Eigenpairs(values[:kept], vectors[:, :kept])
+        pair_count = min(int(np.count_nonzero(values < below)), at_most) + 1
+        return Eigenpairs(values[:pair_count], vectors[:, :pair_count])
     factors = pencil.factorise(shift, definite=True)
     for attempt in range(MOST_STARTS):
         try:
@@ -255,15 +255,15 @@ class _Lanczos:
         self._pencil, self._factors = pencil, factors
         start = pencil.without_rigid(factors.solve(generator.standard_normal((pencil.size, BLOCK_COLUMNS))))
         self._next, self._remainder = orthonormalise(start, pencil.mass)
-        wanted = min(at_most, 4096) + 4 * BLOCK_COLUMNS
-        held = pencil.limits.vector_values / (2 * pencil.size)
-        self._capacity = int(max(min(wanted + 2 * min(at_most, 4096), held), wanted, 10 * BLOCK_COLUMNS))
+        minimum = min(at_most, 4096) + 4 * BLOCK_COLUMNS
+        room = pencil.limits.vector_values / (2 * pencil.size)
+        self._capacity = int(max(min(minimum + 2 * min(at_most, 4096), room), minimum, 10 * BLOCK_COLUMNS))
         self._basis = np.empty((pencil.size, self._capacity + BLOCK_COLUMNS), order="F")
         self._mass_basis = np.empty_like(self._basis)
         self._projected = np.zeros((0, 0))
 
     def pairs(self, shift: float, below: float, at_most: int, tolerance: float) -> Eigenpairs:
-        """Wanted pairs, as `lowest_elastic` says."""
+        """Pairs as `lowest_elastic` asks for."""
         for step in range(MOST_BLOCKS):
             self._pencil.limits.check_time()
             self._grow()
@@ -274,11 +274,11 @@ class _Lanczos:
             theta, ritz = linalg.eigh(self._projected)
             theta, ritz = theta[::-1], ritz[:, ::-1]
             residual = np.linalg.norm(self._remainder @ ritz[-BLOCK_COLUMNS:], axis=0)
-            wanted = _wanted(theta, shift, below, at_most)
-            if wanted < width and np.all(residual[:wanted] <= tolerance * theta[:wanted]):
-                return Eigenpairs(shift + 1 / theta[:wanted], self._basis[:, :width] @ ritz[:, :wanted])
+            count = _pair_count(theta, shift, below, at_most)
+            if count < width and np.all(residual[:count] <= tolerance * theta[:count]):
+                return Eigenpairs(shift + 1 / theta[:count], self._basis[:, :width] @ ritz[:, :count])
             if full:
-                self._restart(theta, ritz, min(width - BLOCK_COLUMNS, wanted + 2 * BLOCK_COLUMNS))
+                self._restart(theta, ritz, min(width - BLOCK_COLUMNS, count + 2 * BLOCK_COLUMNS))
         raise UnsolvableError(
             "eigenvalue solver",
             f"no convergence after {MOST_BLOCKS} blocks of {self._pencil.size} unknowns",
@@ -288,10 +288,10 @@ class _Lanczos:
     def _grow(self) -> None:
         """Add the next block to the basis and find the one after it."""
         width = len(self._projected) + BLOCK_COLUMNS
-        here = slice(width - BLOCK_COLUMNS, width)
-        self._basis[:, here] = self._next
-        self._mass_basis[:, here] = weigh(self._pencil.mass, self._next)
-        image = self._pencil.without_rigid(self._factors.solve(self._mass_basis[:, here]))
+        block = slice(width - BLOCK_COLUMNS, width)
+        self._basis[:, block] = self._next
+        self._mass_basis[:, block] = weigh(self._pencil.mass, self._next)
+        image = self._pencil.without_rigid(self._factors.solve(self._mass_basis[:, block]))
         coefficients = np.zeros((width, BLOCK_COLUMNS))
         for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
             part = self._mass_basis[:, :width].T @ image
@@ -304,15 +304,15 @@ class _Lanczos:
         self._projected = grown
         self._next, self._remainder = orthonormalise(self._pencil.without_rigid(image), self._pencil.mass)
 
-    def _restart(self, theta: Floats, ritz: Floats, kept: int) -> None:
+    def _restart(self, theta: Floats, ritz: Floats, count: int) -> None:
         """Keep the first Ritz vectors alone (thick restart)."""
         width = len(theta)
-        self._basis[:, :kept] = self._basis[:, :width] @ ritz[:, :kept]
-        self._mass_basis[:, :kept] = self._mass_basis[:, :width] @ ritz[:, :kept]
-        self._projected = np.diag(theta[:kept])
+        self._basis[:, :count] = self._basis[:, :width] @ ritz[:, :count]
+        self._mass_basis[:, :count] = self._mass_basis[:, :width] @ ritz[:, :count]
+        self._projected = np.diag(theta[:count])
 
 
-def _wanted(theta: Floats, shift: float, below: float, at_most: int) -> int:
+def _pair_count(theta: Floats, shift: float, below: float, at_most: int) -> int:
     """Leading Ritz values that must converge: those below the limit (at most `at_most`) and one beyond."""
     positive = theta > 0
     inside = int(np.count_nonzero(positive & (shift + 1 / np.where(positive, theta, 1.0) < below)))

@@ -74,12 +74,12 @@ def refine(
     for turn in range(rounds):
         pencil.limits.check_time()
         image = _Image.of(pencil, factors, vectors)
-        found, vectors = _best_of_both(shift, values, vectors, image)
+        ritz_values, vectors = _rayleigh_ritz(shift, values, vectors, image)
         del image  # its memory, before the next one
         if turn > 0:
-            shared = np.flatnonzero(found[: len(values)] < below)
-            change = float(np.abs(values[shared] / found[shared] - 1).max(initial=0.0))
-        values = found
+            shared = np.flatnonzero(ritz_values[: len(values)] < below)
+            change = float(np.abs(values[shared] / ritz_values[shared] - 1).max(initial=0.0))
+        values = ritz_values
         if change <= tolerance:
             break
     return Eigenpairs(values, vectors), change
@@ -129,7 +129,7 @@ class _Image:
         return cls(image, gram * size * size[:, None], across * size, size)
 
 
-def _best_of_both(shift: float, values: Floats, vectors: Floats, image: _Image) -> tuple[Floats, Floats]:
+def _rayleigh_ritz(shift: float, values: Floats, vectors: Floats, image: _Image) -> tuple[Floats, Floats]:
     """Ritz values and vectors of vectors and their images, of the images alone where no values are known yet.
 
     K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size`. The result is
@@ -138,14 +138,14 @@ def _best_of_both(shift: float, values: Floats, vectors: Floats, image: _Image) 
     stiff = shift * image.gram + image.across.T * image.size
     count = len(values)
     if count == 0:
-        found, weights = _ritz(image.gram, stiff)
-        return found, _combined(vectors, (image.vectors, weights))
+        ritz_values, weights = _ritz(image.gram, stiff)
+        return ritz_values, _combined(vectors, (image.vectors, weights))
     corner = shift * image.across + image.size * np.eye(count)
-    both = np.block([[np.eye(count), image.across], [image.across.T, image.gram]])
-    stiff_both = np.block([[np.diag(values), corner], [corner.T, stiff]])
-    found, weights = _ritz(both, stiff_both)
-    one, other = weights[:count, :count], weights[count:, :count]
-    return found[:count], _combined(vectors, (vectors, one), (image.vectors, other))
+    joint_gram = np.block([[np.eye(count), image.across], [image.across.T, image.gram]])
+    joint_stiffness = np.block([[np.diag(values), corner], [corner.T, stiff]])
+    ritz_values, weights = _ritz(joint_gram, joint_stiffness)
+    upper, lower = weights[:count, :count], weights[count:, :count]
+    return ritz_values[:count], _combined(vectors, (vectors, upper), (image.vectors, lower))
 
 
 def _combined(into: Floats, *terms: tuple[Floats, Floats]) -> Floats:
@@ -157,11 +157,11 @@ def _combined(into: Floats, *terms: tuple[Floats, Floats]) -> Floats:
 
 
 def _ritz(gram: Floats, stiff: Floats) -> tuple[Floats, Floats]:
-    """Ritz values, ascending, and weights (basis, kept) of a basis that may be nearly dependent."""
+    """Ritz values, ascending, and weights (basis, independent) of a basis that may be nearly dependent."""
     scale = 1 / np.sqrt(np.diag(gram))
     weights, axes = linalg.eigh((gram + gram.T) / 2 * scale * scale[:, None])
-    kept = weights > DEPENDENT * weights[-1]
-    basis = scale[:, None] * axes[:, kept] / np.sqrt(weights[kept])
+    independent = weights > DEPENDENT * weights[-1]
+    basis = scale[:, None] * axes[:, independent] / np.sqrt(weights[independent])
     projected = basis.T @ (stiff + stiff.T) @ basis / 2
     values, ritz = linalg.eigh((projected + projected.T) / 2)
     return values, basis @ ritz

@@ -12,7 +12,7 @@ from objectfolder.audio.air.radiation import radiate
 from objectfolder.audio.air.radiation_loss import dampings_of, radiation_dampings
 from objectfolder.audio.damping import LOSS_FACTOR, damping_of, describe_damping
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
+from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
 from objectfolder.audio.modes.geometry_error import geometry_error_cents, shape_warnings, volume_error
@@ -165,7 +165,7 @@ def modes_of_solid(
     training_points, held_out_points
         Points drawn uniformly by area at which the mode shapes are given.
     accuracy_cents
-        Wanted largest error of the frequencies against the exact modes of the elements' shape. The functions
+        Largest error allowed of the frequencies against the exact modes of the elements' shape. The functions
         of the elements are chosen by it, within orders 2 to `highest_order` (3 to 5) and `max_unknowns`; what
         was reached is estimated and stored. Order 5 is for less than 5 cents, and for bodies that have at
         most 8,000 functions.
@@ -210,9 +210,9 @@ def modes_of_solid(
     bend_s = _cpu_seconds() - started
     below = (2 * np.pi * max_frequency_hz / units.radians_per_s) ** 2
     limits = Limits.from_now(memory_limit_gb, time_limit_s)
-    wanted = Wanted(below, accuracy_cents, max_modes, max_unknowns, seed, limits)
-    spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
-    read = _cpu_seconds()
+    goal = Goal(below, accuracy_cents, max_modes, max_unknowns, seed, limits)
+    spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, goal)
+    reading = _cpu_seconds()
     counts = training_points, held_out_points
     boundary = Boundary(solid, spectrum.space, units.length_m)
     vectors = _canonical(spectrum, boundary)
@@ -235,7 +235,7 @@ def modes_of_solid(
     if described:
         attributes["transfer"] = described
     if seconds is not None:
-        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - read - air_s})
+        seconds.update({"bend": bend_s, **spectrum.seconds, "read_shapes": _cpu_seconds() - reading - air_s})
         seconds["air"] = air_s
     return Product(arrays, attributes)
 

@@ -92,12 +92,12 @@ class _Band:
         if inside <= most:
             return inside, self.below
         choices = np.arange(max(1, most - self.choices + 1), most + 1)
-        kept = int(choices[int((values[choices] / values[choices - 1]).argmax())])
-        return kept, float(np.sqrt(values[kept - 1] * values[kept]))
+        count = int(choices[int((values[choices] / values[choices - 1]).argmax())])
+        return count, float(np.sqrt(values[count - 1] * values[count]))
 
 
 @dataclass(frozen=True)
-class _Found:
+class _CutModes:
     """The modes kept, the limit below which there are no others, and eigenvalues of some beyond it."""
 
     pairs: Eigenpairs
@@ -105,9 +105,9 @@ class _Found:
     beyond: Floats
 
     @classmethod
-    def of(cls, pairs: Eigenpairs, kept: int, limit: float) -> "_Found":
-        """The first `kept` of the pairs, and the eigenvalues of the rest."""
-        return cls(pairs.first(kept), limit, pairs.values[kept:])
+    def of(cls, pairs: Eigenpairs, count: int, limit: float) -> "_CutModes":
+        """The first `count` of the pairs, and the eigenvalues of the rest."""
+        return cls(pairs.first(count), limit, pairs.values[count:])
 
 
 def space_on(solid: Solid, order: int, length: float, *, bend: bool = False) -> tuple[Space, dict[str, Any]]:
@@ -171,45 +171,45 @@ def solve_spectrum(
     pencil = pencil_of(matrices or ElementMatrices(space, poisson_ratio), component, chosen, limits)
     band = _Band(below, max_modes, CUT_CHOICES if cut else 1, certify, seed)
     assembled = time.process_time()
-    found: _Found | None = None
+    modes: _CutModes | None = None
     if start is not None and certify and pencil.size > DENSE:
-        found = _from_near(pencil, band, start)
-    found = found or _from_scratch(pencil, band)
+        modes = _from_near(pencil, band, start)
+    modes = modes or _from_scratch(pencil, band)
     seconds = {"assemble": assembled - started, "solve": time.process_time() - assembled}
-    return _as_spectrum(space, pencil, chosen, found, certify, seconds)
+    return _as_spectrum(space, pencil, chosen, modes, certify, seconds)
 
 
 def _as_spectrum(
     space: Space,
     pencil: Pencil,
     chosen: NDArray[np.bool_],
-    found: _Found,
+    modes: _CutModes,
     certify: bool,
     seconds: dict[str, float],
 ) -> Spectrum:
     """Modes found in the chosen functions, as fields of the whole space, with what proves them."""
-    kept, rigid = len(found.pairs.values), pencil.rigid.shape[1]
-    vectors = np.zeros((space.size, 3, kept))
-    if kept:
-        vectors[chosen] = _signed(found.pairs.vectors).reshape(-1, 3, kept)
+    count, rigid = len(modes.pairs.values), pencil.rigid.shape[1]
+    vectors = np.zeros((space.size, 3, count))
+    if count:
+        vectors[chosen] = _signed(modes.pairs.vectors).reshape(-1, 3, count)
     return Spectrum(
         space,
-        found.pairs.values,
+        modes.pairs.values,
         vectors,
-        pencil.residuals(found.pairs),
-        found.limit,
+        pencil.residuals(modes.pairs),
+        modes.limit,
         {
             "method": f"negative pivots of K - limit M (Sylvester), {SOLVER}" if certify else "none",
-            "counted": kept + rigid,
+            "counted": count + rigid,
             "rigid": rigid,
-            "elastic_found": kept,
+            "elastic_found": count,
             "holds": certify,
         },
         float(np.abs(np.sum(pencil.rigid * (pencil.stiffness @ pencil.rigid), axis=0)).max()),
         # Corner functions sum to one.
         float(pencil.mass[: space.vertex_count, : space.vertex_count].sum()),
         pencil.size,
-        beyond=found.beyond,
+        beyond=modes.beyond,
         seconds=seconds,
     )
 
@@ -235,7 +235,7 @@ def pencil_of(
     return Pencil(stiffness, mass, rigid, limits)
 
 
-def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
+def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _CutModes | None:
     """Modes by inverse iteration at the limit from near-by ones; None where their number is not that counted.
 
     The limit itself is a good shift: what the vectors lack is of far higher frequency, and no second
@@ -267,10 +267,10 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _Found | None:
         return None
     del factors  # their memory, before the next ones
     pairs = _polished(pencil, pairs, band.below)
-    kept, limit = band.cut(pairs.values)
-    if kept == inside:
-        return _Found.of(pairs, kept, shift)
-    return _Found.of(pairs, kept, limit) if count_below(pencil, limit) == kept else None
+    count, limit = band.cut(pairs.values)
+    if count == inside:
+        return _CutModes.of(pairs, count, shift)
+    return _CutModes.of(pairs, count, limit) if count_below(pencil, limit) == count else None
 
 
 def _polished(pencil: Pencil, pairs: Eigenpairs, below: float) -> Eigenpairs:
@@ -306,7 +306,7 @@ def _polished(pencil: Pencil, pairs: Eigenpairs, below: float) -> Eigenpairs:
     return pairs
 
 
-def _from_scratch(pencil: Pencil, band: _Band) -> _Found:
+def _from_scratch(pencil: Pencil, band: _Band) -> _CutModes:
     """Modes by Lanczos, sharper and from other vectors where their number is not that counted."""
     for attempt, tolerance in enumerate((1e-7, 1e-11)):
         pairs = lowest_elastic(
@@ -317,12 +317,12 @@ def _from_scratch(pencil: Pencil, band: _Band) -> _Found:
             tolerance=tolerance,
             seed=band.seed + attempt,
         )
-        kept, limit = band.cut(pairs.values)
-        counted = count_below(pencil, limit) if band.certify else kept
-        if counted == kept:
-            return _Found.of(pairs, kept, limit)
+        count, limit = band.cut(pairs.values)
+        counted = count_below(pencil, limit) if band.certify else count
+        if counted == count:
+            return _CutModes.of(pairs, count, limit)
     raise UnsolvableError(
         "modes",
-        f"inertia counts {counted} elastic modes, {kept} were found",
+        f"inertia counts {counted} elastic modes, {count} were found",
         "Change the frequency limit or the seed.",
     )

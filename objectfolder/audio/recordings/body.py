@@ -10,7 +10,7 @@ from objectfolder.audio.air.radiation_loss import radiation_dampings
 from objectfolder.audio.elements.elasticity import chunks, element_integrals, element_stiffness
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.adaptive import Wanted, adapt_spectrum
+from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.modes import (
@@ -110,7 +110,7 @@ def body_of_solid(
     space, _ = space_on(solid, DEFAULT_ORDER, length, bend=True)
     limits = Limits.from_now(MEMORY_LIMIT_GB, TIME_LIMIT_S)
     below = (max_frequency_hz / to_hz) ** 2
-    request = Wanted(below, accuracy_cents, max_modes, MAX_UNKNOWNS, seed, limits)
+    request = Goal(below, accuracy_cents, max_modes, MAX_UNKNOWNS, seed, limits)
     spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, request)
     solved = time.process_time()
     faces, _, _ = solid.boundary()
@@ -146,9 +146,9 @@ def _by_poisson(spectrum: Spectrum, poisson_ratio: float) -> Floats:
     With eta^2 = u^T (lambda' A + B) u for unit mass the derivative by lambda' = 2 nu / (1 - 2 nu) is u^T A u,
     and the square of the shear speed is E / (2 (1 + nu) rho). Two Poisson ratios give A.
     """
-    other = poisson_ratio - 0.05
-    lame = [2 * ratio / (1 - 2 * ratio) for ratio in (poisson_ratio, other)]
-    energies = _quotients(spectrum.space, spectrum.vectors, (poisson_ratio, other))
+    second_ratio = poisson_ratio - 0.05
+    lame = [2 * ratio / (1 - 2 * ratio) for ratio in (poisson_ratio, second_ratio)]
+    energies = _quotients(spectrum.space, spectrum.vectors, (poisson_ratio, second_ratio))
     by_lame = (energies[0] - energies[1]) / (lame[0] - lame[1])
     return np.asarray(
         0.5 * (by_lame / spectrum.eta_squared * 2 / (1 - 2 * poisson_ratio) ** 2 - 1 / (1 + poisson_ratio))

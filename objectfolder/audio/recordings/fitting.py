@@ -215,18 +215,18 @@ PRIOR = {"poisson": POISSON_SPREAD, "wall": WALL_SPREAD}
 
 
 def _solve(
-    partials: Partials, weights: Floats, body: SolvedBody, start_cents: float, others: list[str]
+    partials: Partials, weights: Floats, body: SolvedBody, start_cents: float, extra_names: list[str]
 ) -> _Solution:
     """Least squares of the cents of matches, matched anew until nothing changes."""
-    names = ("stiffness", *others)
+    names = ("stiffness", *extra_names)
     slopes = {
         "stiffness": np.ones(len(body.frequencies_hz)),
         "poisson": CENTS * body.by_poisson,
         "wall": CENTS * body.by_wall,
     }
     every = np.column_stack([slopes[name] for name in names])
-    holding = np.diag([0.0, *(1 / PRIOR[name] for name in others)])
-    values = np.array([start_cents, *(0.0 for _ in others)])
+    holding = np.diag([0.0, *(1 / PRIOR[name] for name in extra_names)])
+    values = np.array([start_cents, *(0.0 for _ in extra_names)])
     spread = CENTS * partials.frequency_spread_hz / partials.frequencies_hz
     pairs, alone_cents = None, ALONE_CENTS
     for _ in range(FIT_ROUNDS):
@@ -266,10 +266,10 @@ def _law_of_material(
     """Law through decays less what the air takes, of partials that lose most to something else."""
     decays = partials.decays_per_s[matching.partials]
     air = np.zeros(len(decays)) if radiation_per_s is None else radiation_per_s[matching.modes]
-    told = partials.decay_is_measured[matching.partials] & (air < MOST_RADIATED * decays)
-    if np.count_nonzero(told) < FEWEST_PARTIALS:
+    usable = partials.decay_is_measured[matching.partials] & (air < MOST_RADIATED * decays)
+    if np.count_nonzero(usable) < FEWEST_PARTIALS:
         return None
-    return power_law(partials.frequencies_hz[matching.partials][told], (decays - air)[told])
+    return power_law(partials.frequencies_hz[matching.partials][usable], (decays - air)[usable])
 
 
 def _decays(partials: Partials, matching: Matching, modes_hz: Floats) -> Floats:
@@ -278,8 +278,8 @@ def _decays(partials: Partials, matching: Matching, modes_hz: Floats) -> Floats:
     amplitude = 10 ** ((partials.level_db - partials.level_db.max())[matching.partials] / 20)
     apart = CENTS * np.log(modes_hz[matching.modes][1:] / modes_hz[matching.modes][:-1])
     for first in np.nonzero(apart < PAIR_CENTS)[0]:
-        both = slice(first, first + 2)
-        decays[both] = np.average(decays[both], weights=amplitude[both])
+        pair = slice(first, first + 2)
+        decays[pair] = np.average(decays[pair], weights=amplitude[pair])
     return np.asarray(np.exp(decays))
 
 

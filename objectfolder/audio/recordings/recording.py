@@ -79,10 +79,10 @@ def read_recording(path: Path | str) -> Recording:
     if stored.ndim == 2 and stored.shape[1] > 1:
         loudness = stored.astype(np.float64).std(axis=0)
         loudest = int(loudness.argmax())
-        other = int(np.delete(np.arange(len(loudness)), loudest)[0])
-        alike = np.corrcoef(stored[:, loudest].astype(np.float64), stored[:, other].astype(np.float64))[0, 1]
+        second = int(np.delete(np.arange(len(loudness)), loudest)[0])
+        alike = np.corrcoef(stored[:, loudest].astype(np.float64), stored[:, second].astype(np.float64))[0, 1]
         faults.append(
-            f"{stored.shape[1]} channels, {loudest + 1} and {other + 1} correlate by {alike:.2f}: "
+            f"{stored.shape[1]} channels, {loudest + 1} and {second + 1} correlate by {alike:.2f}: "
             f"channel {loudest + 1}, the loudest, is taken alone"
         )
         stored = stored[:, loudest]

@@ -90,16 +90,16 @@ def mode_bank(
     440
     """
     oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-    given = np.atleast_2d(np.asarray(amplitudes))
-    if given.ndim != 2 or given.shape[1] != len(oscillators):
-        finding = f"shape {given.shape} for {len(oscillators)} modes"
+    gains = np.atleast_2d(np.asarray(amplitudes))
+    if gains.ndim != 2 or gains.shape[1] != len(oscillators):
+        finding = f"shape {gains.shape} for {len(oscillators)} modes"
         raise QueryError("amplitudes", finding, "Give (n, modes).")
-    durations = _durations(pulse_s, len(given))
-    sound = sound_array(out, len(given), samples_of(duration_s, sample_rate_hz))
+    durations = _durations(pulse_s, len(gains))
+    sound = sound_array(out, len(gains), samples_of(duration_s, sample_rate_hz))
     columns = np.flatnonzero(oscillators.audible())
     sounding = oscillators.take(columns)
     weights = sounding.response_weights(response)
-    ring(sounding, weights, given, sound, columns, pulse=durations, delay_s=delay_s, floor_db=floor_db)
+    ring(sounding, weights, gains, sound, columns, pulse=durations, delay_s=delay_s, floor_db=floor_db)
     return sound
 
 
@@ -186,12 +186,12 @@ def _durations(pulse_s: float | ArrayLike | None, contacts: int) -> Floats | Non
     """Return the duration of each pulse (contacts,), None for ideal impulses."""
     if pulse_s is None:
         return None
-    given = np.asarray(pulse_s, dtype=np.float64)
-    if given.shape not in ((), (1,), (contacts,)):
-        raise QueryError("pulse_s", f"shape {given.shape} for {contacts} contacts", "Give one or one each.")
-    if not (np.isfinite(given).all() and (given > 0).all()):
+    pulses = np.asarray(pulse_s, dtype=np.float64)
+    if pulses.shape not in ((), (1,), (contacts,)):
+        raise QueryError("pulse_s", f"shape {pulses.shape} for {contacts} contacts", "Give one or one each.")
+    if not (np.isfinite(pulses).all() and (pulses > 0).all()):
         raise QueryError("pulse_s", "not positive or not finite", "Give seconds; None for an ideal impulse.")
-    return np.array(np.broadcast_to(given.reshape(-1), (contacts,)), dtype=np.float64)
+    return np.array(np.broadcast_to(pulses.reshape(-1), (contacts,)), dtype=np.float64)
 
 
 def _groups(

@@ -139,22 +139,22 @@ def collide(
         np.concatenate([collider.vibrations.eigenvalues for collider in colliders]) if colliders else gains
     )
     motion, forces = np.zeros((4, len(gains))), np.zeros(4 * IN_CONTACT)
-    rigid, lost, taken = np.array([0.0, speed_m_s]), np.zeros(1), 0
+    rigid, lost, step_count = np.array([0.0, speed_m_s]), np.zeros(1), 0
     viscosity_s_m = _viscosity(restitution) / speed_m_s
     while True:
-        taken = _collide(
+        step_count = _collide(
             steps, gains, np.sqrt(eigenvalues), 1 / contact.mass_kg, contact.stiffness, viscosity_s_m, step_s,
-            motion, rigid, forces, lost, taken,
+            motion, rigid, forces, lost, step_count,
         )  # fmt: skip
-        if taken < len(forces):
+        if step_count < len(forces):
             break
-        if taken >= CONTACT_STEPS:
-            finding = f"the bodies have not parted after {step_s * taken:g} s"
+        if step_count >= CONTACT_STEPS:
+            finding = f"the bodies have not parted after {step_s * step_count:g} s"
             raise QueryError("contact", finding, "Give a lighter or a harder striker.")
         forces = np.concatenate([forces, np.zeros(len(forces))])
     energies = (motion[3] ** 2 + eigenvalues * motion[2] ** 2) / 2
     borders = np.cumsum([len(collider.gains) for collider in colliders])[:-1]
-    pressed = np.flatnonzero(forces[:taken])
+    pressed = np.flatnonzero(forces[:step_count])
     return Collision(
         step_s,
         forces[: pressed[-1] + 1].copy(),
@@ -239,7 +239,7 @@ def _force(
 @relaxed_kernel
 def _collide(
     steps: Floats, gains: Floats, angular: Floats, mobility: float, stiffness: float, viscosity: float,
-    step_s: float, motion: Floats, rigid: Floats, forces: Floats, lost: Floats, taken: int,
+    step_s: float, motion: Floats, rigid: Floats, forces: Floats, lost: Floats, start: int,
 ) -> int:  # fmt: skip
     """Step until the bodies have parted for good or `forces` is full; return the number of steps taken.
 
@@ -254,7 +254,7 @@ def _collide(
     before = rigid[0]
     for j in range(modes):
         before -= gains[j] * q[j]
-    for k in range(taken, len(forces)):
+    for k in range(start, len(forces)):
         free = rigid[0] + step_s * rigid[1]
         for j in range(modes):
             x, y = q[j], v[j]

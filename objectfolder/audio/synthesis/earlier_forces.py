@@ -39,12 +39,12 @@ def earlier_forces(
             if earlier not in keywords and not sampled:
                 return method(owner, *arguments, **keywords)
             options: dict[str, Any] = dict(keywords)
-            given = options.pop(earlier, positional)
-            now = force if np.ndim(given) == dimensions else impulse
+            value = options.pop(earlier, positional)
+            now = force if np.ndim(value) == dimensions else impulse
             places: Any = (*arguments[:1], None, *arguments[2:]) if sampled else arguments
             message = f"{method.__name__}: give `{now}`, not `{earlier}`; the old way goes with 0.3"
             warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
-            return method(owner, *places, **{now: given}, **options)
+            return method(owner, *places, **{now: value}, **options)
 
         return call
 

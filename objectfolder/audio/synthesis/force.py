@@ -110,9 +110,9 @@ def drive(
     bank = Resonators.of(oscillators, weights, floor_db)
     # Forces that end after the sound are not needed to their end.
     during = min(forces.shape[1], max(sound.shape[1] - delay_samples, 0))
-    one = np.empty((1, sound.shape[1]))
+    buffer = np.empty((1, sound.shape[1]))
     for row, gain, force in zip(sound, gains[:, :, bank.order], forces, strict=True):
-        one[:] = 0
-        coefficients = bank.drive(gain, force, one[0, delay_samples : delay_samples + during])
-        bank.ring(coefficients[None], one, min(delay_samples + during, one.shape[1]))
-        row[:] = one[0]
+        buffer[:] = 0
+        coefficients = bank.drive(gain, force, buffer[0, delay_samples : delay_samples + during])
+        bank.ring(coefficients[None], buffer, min(delay_samples + during, buffer.shape[1]))
+        row[:] = buffer[0]

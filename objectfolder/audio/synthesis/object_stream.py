@@ -72,7 +72,7 @@ class ObjectStream:
         self._rate = sample_rate_hz
         modes = len(body.eigenvalues)
         self._channels = [
-            Channel.of(one, modes) for one in body.channels(sample_rate_hz, observed, listeners)
+            Channel.of(sources, modes) for sources in body.channels(sample_rate_hz, observed, listeners)
         ]
 
     @property

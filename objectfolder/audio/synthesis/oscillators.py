@@ -213,11 +213,11 @@ class Oscillators:
         QueryError
             A response that is not one of `RESPONSES`.
         """
-        one, zero = np.ones(len(self)), np.zeros(len(self))
+        ones, zeros = np.ones(len(self)), np.zeros(len(self))
         if response == "displacement":
-            return one, zero
+            return ones, zeros
         if response == "velocity":
-            return zero, one
+            return zeros, ones
         if response == "acceleration":
             return -self.eigenvalues, -2 * self.dampings_per_s
         raise QueryError("response", f"{response!r}", f"Give one of {', '.join(RESPONSES)}.")

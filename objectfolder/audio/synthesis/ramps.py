@@ -18,11 +18,11 @@ def held_steps(oscillators: Oscillators) -> Floats:
     They are the displacement after a unit of displacement and after a unit of velocity, the velocity after
     these, and both after a unit of force from rest.
     """
-    zero, one = np.zeros(len(oscillators)), np.ones(len(oscillators))
+    zeros, ones = np.zeros(len(oscillators)), np.ones(len(oscillators))
     first, second = (row[0] for row in oscillators.basis([1.0]))
     rows = []
     for response in ("displacement", "velocity"):
-        for state in ((one, zero), (zero, one)):
+        for state in ((ones, zeros), (zeros, ones)):
             a, b = oscillators.coefficients(oscillators.response_weights(response), *state)
             rows.append(a * first + b * second)
     falling, rising = ramp_responses(oscillators)

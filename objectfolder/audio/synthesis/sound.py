@@ -35,8 +35,8 @@ class StrikeEnergy(NamedTuple):
     @classmethod
     def of_all(cls, parts: "Sequence[StrikeEnergy | None]") -> "StrikeEnergy | None":
         """Return those of all contacts from those of some each; None where there are none."""
-        known = [part for part in parts if part is not None]
-        return cls(*np.concatenate(known, axis=1)) if known else None
+        energies = [part for part in parts if part is not None]
+        return cls(*np.concatenate(energies, axis=1)) if energies else None
 
 
 class Sound(np.ndarray):

@@ -410,11 +410,11 @@ class SoundQueries:
             )
         eigenvalues, dampings = net.eigenvalues[:modes], net.dampings_per_s[:modes]
         if support is not None:
-            held = self._gains(self.contacts.project(support.points, name="support").points)[
+            support_gains = self._gains(self.contacts.project(support.points, name="support").points)[
                 :, :, : len(eigenvalues)
             ]
             radiated = net.radiation_dampings_per_s
-            stiffer, faster = support.added(held, None if radiated is None else radiated[:modes])
+            stiffer, faster = support.added(support_gains, None if radiated is None else radiated[:modes])
             eigenvalues, dampings = eigenvalues + stiffer, dampings + faster
         return StruckBody(
             eigenvalues,

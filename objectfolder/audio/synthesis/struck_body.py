@@ -236,13 +236,13 @@ class StruckBody:
         self, sample_rate_hz: float, observed: Observed, listeners: Floats | None
     ) -> Iterator[list["Source"]]:
         """Yield the sources of what is heard in each channel."""
-        given = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
-        columns = np.flatnonzero(given.audible())
-        modes = given.take(columns)
+        oscillators = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
+        columns = np.flatnonzero(oscillators.audible())
+        modes = oscillators.take(columns)
         still = np.zeros(len(modes))
         if listeners is None:
-            for seen in self.velocity_weights(observed):
-                yield [Source(modes, (still, still + 1), columns, seen, None, 0.0)]
+            for surface_weights in self.velocity_weights(observed):
+                yield [Source(modes, (still, still + 1), columns, surface_weights, None, 0.0)]
             return
         if self.rigid is None:
             raise QueryError("listener", "the file does not say the object's mass", "Build the file again.")

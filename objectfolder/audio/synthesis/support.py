@@ -72,11 +72,11 @@ class Support:
         object.__setattr__(self, "points", places)
         object.__setattr__(self, "rate_per_s", rate)
         for name in ("stiffness_n_m", "damping_n_s_m"):
-            given = real_array(name, getattr(self, name))
-            if given.shape not in ((), (len(places),)) or not (given >= 0).all():
+            value = real_array(name, getattr(self, name))
+            if value.shape not in ((), (len(places),)) or not (value >= 0).all():
                 remedy = "Give one number, or one a point, not negative."
-                raise QueryError(name, f"{given.tolist()!r} for {len(places)} points", remedy)
-            each = given if given.ndim else np.full(len(places), given / max(len(places), 1))
+                raise QueryError(name, f"{value.tolist()!r} for {len(places)} points", remedy)
+            each = value if value.ndim else np.full(len(places), value / max(len(places), 1))
             object.__setattr__(self, name, each)
 
     @classmethod

@@ -105,17 +105,17 @@ class Voices:
         QueryError
             As for `mode_bank`.
         """
-        given = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-        factors = np.ones(len(given))
+        oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
+        factors = np.ones(len(oscillators))
         if output_weights is not None:
             factors = np.asarray(output_weights, dtype=np.float64)
-        if factors.shape != (len(given),) or not np.isfinite(factors).all():
+        if factors.shape != (len(oscillators),) or not np.isfinite(factors).all():
             raise QueryError("output_weights", f"shape {factors.shape}, or not finite", "Give one a mode.")
-        columns = np.flatnonzero(given.audible())
-        sounding, factors = given.take(columns), factors[columns]
+        columns = np.flatnonzero(oscillators.audible())
+        sounding, factors = oscillators.take(columns), factors[columns]
         displacement, velocity = sounding.response_weights(response)
         weights = (displacement * factors, velocity * factors)
-        return cls(sounding, weights, columns=columns, all_modes=len(given), floor_db=floor_db)
+        return cls(sounding, weights, columns=columns, all_modes=len(oscillators), floor_db=floor_db)
 
     @property
     def waiting(self) -> int:
@@ -152,15 +152,15 @@ class Voices:
             Values that are not finite, a time that has passed, or more than `MOST_VOICES` contacts or
             `MOST_ONSET_SAMPLES` samples of contact waiting.
         """
-        given = np.asarray(amplitudes, dtype=np.float64).reshape(-1)
+        gains = np.asarray(amplitudes, dtype=np.float64).reshape(-1)
         begin, ahead = self._beginning(at)
-        if given.shape != (self._given,) or not np.isfinite(given).all():
-            raise QueryError("amplitudes", f"shape {given.shape}, or not finite", f"Give ({self._given},).")
+        if gains.shape != (self._given,) or not np.isfinite(gains).all():
+            raise QueryError("amplitudes", f"shape {gains.shape}, or not finite", f"Give ({self._given},).")
         lasting_s = pulse_s.duration_s if isinstance(pulse_s, ForceProfile) else pulse_s
         if lasting_s is not None and not 0 < lasting_s < math.inf:
             raise QueryError("pulse_s", f"{lasting_s} s", "Give seconds; None for an ideal impulse.")
         self._make_room((lasting_s or 0) * self._rate)
-        onset, coefficients = self._bank.onset(given[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
+        onset, coefficients = self._bank.onset(gains[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
         self._voices.append(Voice(begin, onset[0], coefficients[0]))
 
     @renamed_keywords(forces="forces_n")
