@@ -91,19 +91,19 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     solid = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     folded, repeated = _folded_and_repeated(faces, solid)
     folded, doubled = _without_layers(faces, folded, everything=bool(folded[solid].all()))
-    kept = solid & ~folded & ~repeated & ~doubled
-    if not kept.any():
+    usable = solid & ~folded & ~repeated & ~doubled
+    if not usable.any():
         raise InputError(
             where,
             f"no faces are left of {len(faces)}: {np.count_nonzero(~solid)} collapse to lines or points, "
             f"{np.count_nonzero(folded)} lie back to back",
             "Export a surface with an inside and an outside",
         )
-    before = len(np.unique(faces[kept]))
-    faces[kept] = without_seams(positions, faces[kept])
-    seams = before - len(np.unique(faces[kept]))
-    kept, inner = _without_inner(positions, faces, kept)
-    faces, coordinates = faces[kept], mesh.texture_coordinates[kept]
+    before = len(np.unique(faces[usable]))
+    faces[usable] = without_seams(positions, faces[usable])
+    seams = before - len(np.unique(faces[usable]))
+    usable, inner = _without_inner(positions, faces, usable)
+    faces, coordinates = faces[usable], mesh.texture_coordinates[usable]
     pieces = connected_pieces(faces)[0]
     if pieces > MOST_PIECES:
         raise InputError(
@@ -115,7 +115,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     turned = orientation.reverse[:, None]
     wound = np.where(turned, faces[:, ::-1], faces)
     used, packed = np.unique(wound, return_inverse=True)
-    normals = None if mesh.normals is None else mesh.normals[kept]
+    normals = None if mesh.normals is None else mesh.normals[usable]
     if normals is not None:
         normals = np.where(turned[..., None], normals[:, ::-1], normals)
     cleaned = replace(
@@ -123,7 +123,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
         vertices=positions[used],
         faces=packed.reshape(-1, 3).astype(np.int64),
         texture_coordinates=np.where(turned[..., None], coordinates[:, ::-1], coordinates),
-        face_texture=mesh.face_texture[kept],
+        face_texture=mesh.face_texture[usable],
         normals=None if normals is None else usable_normals(positions, wound, normals, orientation.reverse),
     )
     return cleaned, CleaningReport(
@@ -141,13 +141,13 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     )
 
 
-def _without_inner(vertices: np.ndarray, faces: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]:
-    """Leave faces with solid on both sides out of those (F,) that are kept; and how many these are."""
-    rows = np.flatnonzero(kept)
+def _without_inner(vertices: np.ndarray, faces: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, int]:
+    """Leave faces with solid on both sides out of the usable ones (F,), and count them."""
+    rows = np.flatnonzero(usable)
     inner = rows[inner_faces(vertices, faces[rows])]
-    kept = kept.copy()
-    kept[inner] = False
-    return kept, len(inner)
+    usable = usable.copy()
+    usable[inner] = False
+    return usable, len(inner)
 
 
 def usable_normals(

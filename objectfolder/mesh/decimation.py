@@ -94,7 +94,7 @@ def decimate(mesh: TexturedMesh, faces: int) -> Decimation:
     if len(result.faces) > faces:
         finding = f"stopped at {len(result.faces)} faces of {before}, where {faces} were asked for"
         raise SimulationError("Blender's decimation", finding, "Ask for more faces")
-    there = result.surface.closest_points(mesh.surface.sample(DISTANCE_SAMPLES, 0).points).distance
+    forth = result.surface.closest_points(mesh.surface.sample(DISTANCE_SAMPLES, 0).points).distance
     points = np.concatenate([result.surface.sample(DISTANCE_SAMPLES, 1).points, result.vertices])
     back = mesh.surface.closest_points(points).distance
-    return Decimation(result, before, float(max(there.max(), back.max())))
+    return Decimation(result, before, float(max(forth.max(), back.max())))

@@ -21,25 +21,25 @@ def main(source: Path, target: Path) -> None:
     import bpy
 
     limit_cpu_time(TIME_LIMIT_S)
-    given = np.load(source)
-    count = len(given["faces"])
+    arrays = np.load(source)
+    count = len(arrays["faces"])
     mesh = bpy.data.meshes.new("mesh")
-    mesh.vertices.add(len(given["vertices"]))
-    mesh.vertices.foreach_set("co", given["vertices"].astype(np.float32).ravel())
+    mesh.vertices.add(len(arrays["vertices"]))
+    mesh.vertices.foreach_set("co", arrays["vertices"].astype(np.float32).ravel())
     mesh.loops.add(3 * count)
-    mesh.loops.foreach_set("vertex_index", given["faces"].astype(np.int32).ravel())
+    mesh.loops.foreach_set("vertex_index", arrays["faces"].astype(np.int32).ravel())
     mesh.polygons.add(count)
     mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
     mesh.update(calc_edges=True)
-    for _ in range(int(given["face_texture"].max()) + 1):
+    for _ in range(int(arrays["face_texture"].max()) + 1):
         mesh.materials.append(bpy.data.materials.new("material"))  # an index without one is cut off
-    mesh.polygons.foreach_set("material_index", given["face_texture"].astype(np.int32))
-    mesh.uv_layers.new().uv.foreach_set("vector", given["texture_coordinates"].astype(np.float32).ravel())
+    mesh.polygons.foreach_set("material_index", arrays["face_texture"].astype(np.int32))
+    mesh.uv_layers.new().uv.foreach_set("vector", arrays["texture_coordinates"].astype(np.float32).ravel())
     body = bpy.data.objects.new("body", mesh)
     bpy.context.collection.objects.link(body)
     modifier = body.modifiers.new("decimation", "DECIMATE")
     mesh.validate()  # Blender cannot take faces that are given twice
-    modifier.ratio = int(given["target"]) / len(mesh.polygons)
+    modifier.ratio = int(arrays["target"]) / len(mesh.polygons)
     result = body.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
     result.calc_loop_triangles()
     vertices = np.empty((len(result.vertices), 3), dtype=np.float32)

@@ -137,35 +137,37 @@ def _measured(
 
 
 def _warnings(report: CleaningReport, topology: Topology, walls: WallMeasures) -> list[str]:
-    found = []
+    warnings = []
     if walls.cracked:
-        found.append(
+        warnings.append(
             f"the surface is closed but for cracks ({topology.boundary_edges} boundary edges): it sounds and "
             "weighs as if they were filled"
         )
     elif not topology.watertight:
-        found.append(
+        warnings.append(
             f"the surface is not closed ({topology.boundary_edges} boundary and "
             f"{topology.non_manifold_edges} non-manifold edges): volume, mass and inertia mean nothing"
         )
     elif not walls.closed:
-        found.append("the surface is closed but bounds no positive volume")
+        warnings.append("the surface is closed but bounds no positive volume")
     pieces = topology.components - report.cavities
     if pieces > 1 and not walls.cracked:
-        found.append(f"the surface has {pieces} separate pieces")
+        warnings.append(f"the surface has {pieces} separate pieces")
     if report.nested_solids:
-        found.append(f"{report.nested_finding()}. {NESTED_REMEDY}")
+        warnings.append(f"{report.nested_finding()}. {NESTED_REMEDY}")
     if report.doubled_faces_dropped:
-        found.append(f"{report.doubled_faces_dropped} faces lay back to back with others and were left out")
+        warnings.append(
+            f"{report.doubled_faces_dropped} faces lay back to back with others and were left out"
+        )
     if report.inner_faces_dropped:
-        found.append(f"{report.inner_faces_dropped} faces had solid on both sides and were left out")
+        warnings.append(f"{report.inner_faces_dropped} faces had solid on both sides and were left out")
     if report.unorientable_patches:
-        found.append(f"{report.unorientable_patches} patches have no inside (Moebius strips)")
+        warnings.append(f"{report.unorientable_patches} patches have no inside (Moebius strips)")
     if topology.zero_area_faces:
-        found.append(
+        warnings.append(
             f"{topology.zero_area_faces} faces have no area; they are kept to keep the surface closed"
         )
-    return found
+    return warnings
 
 
 def debris(mesh: TexturedMesh) -> list[str]:

@@ -36,8 +36,8 @@ def inner_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     chosen = np.flatnonzero(crowded[piece])
     if len(chosen):
         inner[chosen] = _between_solid_cells(vertices, faces[chosen])
-    kept = np.flatnonzero(~inner)
-    inner[kept] = _sheets_within(vertices, faces[kept])
+    rest = np.flatnonzero(~inner)
+    inner[rest] = _sheets_within(vertices, faces[rest])
     return inner
 
 
@@ -79,11 +79,11 @@ def _cells(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     start = np.concatenate([[0], np.cumsum(table.face_count)])
     following = np.arange(1, len(order) + 1)
     following[start[1:] - 1] = start[:-1]
-    here, there = order, order[following]
+    step, successor = order, order[following]
     # The front of a face that runs along its edge looks towards growing angles.
-    side = 2 * face[here] + np.where(forward[here], FRONT, BACK)
-    other = 2 * face[there] + np.where(forward[there], BACK, FRONT)
-    graph = coo_array((np.ones(len(side), dtype=bool), (side, other)), shape=(2 * len(faces), 2 * len(faces)))
+    side = 2 * face[step] + np.where(forward[step], FRONT, BACK)
+    mate = 2 * face[successor] + np.where(forward[successor], BACK, FRONT)
+    graph = coo_array((np.ones(len(side), dtype=bool), (side, mate)), shape=(2 * len(faces), 2 * len(faces)))
     return connected_components(graph, directed=False)[1].reshape(-1, 2)
 
 

@@ -85,9 +85,9 @@ class TexturedMesh:
             "face_texture": (self.face_texture.shape, (count,)),
             "normals": ((count, 3, 3) if self.normals is None else self.normals.shape, (count, 3, 3)),
         }
-        for name, (found, expected) in shapes.items():
-            if found != expected:
-                raise ValueError(f"{name} has shape {found}, expected {expected}")
+        for name, (shape, expected) in shapes.items():
+            if shape != expected:
+                raise ValueError(f"{name} has shape {shape}, expected {expected}")
         if count and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
             raise ValueError(f"faces index outside the {len(self.vertices)} vertices")
         if count and not 0 <= self.face_texture.min() <= self.face_texture.max() < len(self.textures):

@@ -50,14 +50,14 @@ class MappedNormals:
         normal = np.einsum("ij,ijk->ik", barycentric, self._corner_normals[face])
         for texture, image in self._normal_maps.items():
             own = np.flatnonzero(self._face_texture[face] == texture)
-            here, weights, upright = face[own], barycentric[own], normal[own]
-            coordinates = np.einsum("ij,ijk->ik", weights, self._texture_coordinates[here])
+            faces, weights, upright = face[own], barycentric[own], normal[own]
+            coordinates = np.einsum("ij,ijk->ik", weights, self._texture_coordinates[faces])
             x, y, z = (2.0 * bilinear(image, coordinates) - 1.0).T[..., None]
-            tangent = np.einsum("ij,ijk->ik", weights, self._tangents[here])
-            across = self._handedness[here, None] * np.cross(upright, tangent)
+            tangent = np.einsum("ij,ijk->ik", weights, self._tangents[faces])
+            across = self._handedness[faces, None] * np.cross(upright, tangent)
             # Without a tangent a map says nothing.
-            known = tangent.any(axis=1, keepdims=True)
-            normal[own] = np.where(known, x * tangent + y * across + z * upright, upright)
+            mapped = tangent.any(axis=1, keepdims=True)
+            normal[own] = np.where(mapped, x * tangent + y * across + z * upright, upright)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return np.asarray(normal / np.maximum(length, 1e-12))
 

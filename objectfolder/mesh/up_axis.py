@@ -31,8 +31,8 @@ def up_axis(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix == ".dae":
         with path.open("rb") as file:
-            said = _COLLADA_UP.search(file.read(_HEAD_BYTES))
-        return said[1].decode().lower() if said else "y"
+            statement = _COLLADA_UP.search(file.read(_HEAD_BYTES))
+        return statement[1].decode().lower() if statement else "y"
     return "y" if suffix in (".gltf", ".glb") else Z_UP
 
 

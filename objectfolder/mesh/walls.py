@@ -260,10 +260,10 @@ def wall_findings(
     if density_kg_m3 is not None and mass_kg is not None and measures.volume_m3 > 0:
         weighed = measures.volume_m3 * density_kg_m3 / mass_kg
     agrees = weighed is not None and 1 / MASS_FACTOR <= weighed <= MASS_FACTOR
-    found = None if agrees else _too_thick(measures, limits, material, mass_kg, weighed)
-    if found is None and weighed is not None and not agrees and mass_kg is not None:
-        found = _by_mass(measures, mass_kg, weighed)
-    return tuple(finding for finding in (found, _thin(measures, limits, material)) if finding is not None)
+    thickness = None if agrees else _too_thick(measures, limits, material, mass_kg, weighed)
+    if thickness is None and weighed is not None and not agrees and mass_kg is not None:
+        thickness = _by_mass(measures, mass_kg, weighed)
+    return tuple(finding for finding in (thickness, _thin(measures, limits, material)) if finding is not None)
 
 
 def shell_of_mass(volume_m3: float, area_m2: float, share: float) -> float:

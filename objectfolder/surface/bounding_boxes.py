@@ -72,8 +72,8 @@ class BoundingBoxTree:
             box = self.boxes[node]
             full = box[:, 0] <= box[:, 3]
             query, node, box = query[full], node[full], box[full]
-            kept = enters(query, box[:, :3], box[:, 3:])
-            query, node = query[kept], node[kept]
+            entered = enters(query, box[:, :3], box[:, 3:])
+            query, node = query[entered], node[entered]
             if len(node) == 0 or node[0] >= leaves - 1:
                 break
             query, node = np.repeat(query, 2), np.repeat(2 * node + 1, 2)

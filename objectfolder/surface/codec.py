@@ -191,8 +191,8 @@ def _references(corners: np.ndarray, is_new: np.ndarray) -> np.ndarray:
     before = np.arange(len(new)) - 1
     references = np.stack([before, before, before], axis=1)
     edges = new - 2  # of a face's third corner: its first edge
-    known = np.flatnonzero((new % 3 == 2) & (across[edges] >= 0))
-    references[known] = np.stack([first, second, across], axis=1)[edges[known]]
+    predictable = np.flatnonzero((new % 3 == 2) & (across[edges] >= 0))
+    references[predictable] = np.stack([first, second, across], axis=1)[edges[predictable]]
     return references
 
 

@@ -64,8 +64,8 @@ class ConvexParts:
         hulls = [convex_hull(part) for part in np.split(corners, np.cumsum(counts)[:-1])]
         if any(hull is None for hull in hulls):
             raise FormatError("collision", "a hull encloses nothing", REMEDY)
-        known = tuple(hull for hull in hulls if hull is not None)
-        return cls(known, *(float(measures[name]) for name in MEASURES))
+        parts = tuple(hull for hull in hulls if hull is not None)
+        return cls(parts, *(float(measures[name]) for name in MEASURES))
 
     def to_dict(self) -> dict[str, Any]:
         """Return counts and measures as JSON."""
@@ -89,9 +89,9 @@ def check_parts(tensors: Mapping[str, np.ndarray], measures: Mapping[str, Any]) 
     corners, counts = tensors["collision.corners"], tensors["collision.counts"]
     for name, limit in MEASURES.items():
         number(f"collision.{name}", measures[name], 0.0, limit)
-    known = counts.ndim == 1 and counts.dtype.kind in "iu" and 0 < len(counts) <= MOST_HULLS
-    known = bool(known and (counts >= 4).all() and (counts <= MOST_CORNERS).all())
-    fit = known and corners.shape == (counts.sum(dtype=np.int64), 3) and len(corners) <= MOST_CORNERS
+    valid = counts.ndim == 1 and counts.dtype.kind in "iu" and 0 < len(counts) <= MOST_HULLS
+    valid = bool(valid and (counts >= 4).all() and (counts <= MOST_CORNERS).all())
+    fit = valid and corners.shape == (counts.sum(dtype=np.int64), 3) and len(corners) <= MOST_CORNERS
     if not fit or not np.abs(corners).max() <= LARGEST_COORDINATE_M:
         raise FormatError("collision", "its hulls do not fit together", REMEDY)
 

@@ -45,11 +45,11 @@ def encode_normals(surface: Surface) -> dict[str, np.ndarray]:
     [0.0, 0.6, 0.8]
     """
     rule = corner_normals(surface.vertices, surface.faces).reshape(-1, 3)
-    given = surface.corner_normals.reshape(-1, 3)
-    far = np.einsum("ij,ij->i", rule, given) < np.cos(np.radians(NEAR_DEG))
+    source = surface.corner_normals.reshape(-1, 3)
+    far = np.einsum("ij,ij->i", rule, source) < np.cos(np.radians(NEAR_DEG))
     if surface.normals is None or not far.any():
         return {}
-    vertex, codes = surface.faces.ravel(), _codes(given)
+    vertex, codes = surface.faces.ravel(), _codes(source)
     side = 2 * NORMAL_STEPS + 2
     key = np.where(far, (codes[:, 0] + NORMAL_STEPS) * side + codes[:, 1] + NORMAL_STEPS, -1)
     either = vertex * side * side + key + 1

@@ -92,11 +92,11 @@ def has_cracks_only(surface: Surface) -> bool:
     direction = ((end - start) / np.maximum(length, 1e-300)[:, None])[edge]
     # Steps are no longer than the width: of a rim beside, one lies within 1.5 of it.
     near = KDTree(points).query(points, k=RIM_NEIGHBOURS, distance_upper_bound=1.5 * width)[1]
-    there = near < len(points)
-    near = np.where(there, near, 0)
+    exists = near < len(points)
+    near = np.where(exists, near, 0)
     opposite = np.einsum("pnx,px->pn", direction[near], direction) < OTHER_WAY
     across = np.linalg.norm(np.cross(points[near] - points[:, None], direction[:, None]), axis=2)
-    matched = (there & opposite & (across <= width)).any(axis=1)
+    matched = (exists & opposite & (across <= width)).any(axis=1)
     weight = (length / count)[edge]
     return bool((weight * matched).sum() >= MATCHED * weight.sum())
 

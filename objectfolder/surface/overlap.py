@@ -91,16 +91,16 @@ def _common_box(surface: Surface) -> tuple[Floats, Floats] | None:
     np.maximum.at(high, patch, corners.max(axis=1))
     order = np.argsort(low[:, 0], kind="stable")
     low, high = low[order], high[order]
-    found = []
-    for one, end in enumerate(np.searchsorted(low[:, 0], high[:, 0])):
-        lower = np.maximum(low[one], low[one + 1 : end])
-        upper = np.minimum(high[one], high[one + 1 : end])
+    boxes = []
+    for index, end in enumerate(np.searchsorted(low[:, 0], high[:, 0])):
+        lower = np.maximum(low[index], low[index + 1 : end])
+        upper = np.minimum(high[index], high[index + 1 : end])
         meet = (lower < upper).all(axis=1)
         if meet.any():
-            found.append((lower[meet].min(axis=0), upper[meet].max(axis=0)))
-    if not found:
+            boxes.append((lower[meet].min(axis=0), upper[meet].max(axis=0)))
+    if not boxes:
         return None
-    lowest, highest = np.array(found).swapaxes(0, 1)
+    lowest, highest = np.array(boxes).swapaxes(0, 1)
     return lowest.min(axis=0), highest.max(axis=0)
 
 
@@ -121,15 +121,15 @@ def _crossings(
     first = np.clip(np.floor((corners[:, :, :2].min(axis=1) - low) / cell), 0, shape).astype(np.int64)
     last = np.clip(np.ceil((corners[:, :, :2].max(axis=1) - low) / cell), 0, shape).astype(np.int64)
     cells = np.prod(last - first, axis=1)
-    found = []
+    crossings = []
     starts = np.searchsorted(np.cumsum(cells), np.arange(0, cells.sum(), CELLS_AT_ONCE))
     for faces in np.split(np.arange(len(cells)), starts[1:]):
         face = np.repeat(faces, cells[faces])
         number = np.arange(len(face)) - np.repeat(np.cumsum(cells[faces]) - cells[faces], cells[faces])
         width = (last - first)[face, 1]
         row, line = first[face, 0] + number // width, first[face, 1] + number % width
-        found.append(_crossed(corners[face], places[row, line], row * shape[1] + line))
-    return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+        crossings.append(_crossed(corners[face], places[row, line], row * shape[1] + line))
+    return tuple(np.concatenate(parts) for parts in zip(*crossings, strict=True))
 
 
 def _crossed(corners: Floats, places: Floats, column: Integers) -> tuple[Integers, Floats, Integers]:

@@ -98,5 +98,5 @@ def surface_at_depth(surface: Surface, depth: float, *, nodes: int = 200_000) ->
     volume = np.bincount(piece, np.linalg.det(corner) / 6)
     if volume[np.abs(volume).argmax()] < 0:
         faces, volume = faces[:, ::-1], -volume
-    kept = volume[piece] > CRUMB * field.cell**3
-    return Surface(vertices, faces[kept]) if kept.any() else None
+    sizeable = volume[piece] > CRUMB * field.cell**3
+    return Surface(vertices, faces[sizeable]) if sizeable.any() else None

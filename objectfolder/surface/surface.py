@@ -145,8 +145,8 @@ class Surface:
         by_rule = corner_normals(self.vertices, self.faces)
         if self.normals is None:
             return by_rule
-        given = np.asarray(self.normals, dtype=np.float64)
-        return np.where(given.any(axis=2, keepdims=True), given, by_rule)
+        source = np.asarray(self.normals, dtype=np.float64)
+        return np.where(source.any(axis=2, keepdims=True), source, by_rule)
 
     @cached_property
     def edges(self) -> EdgeTable:
@@ -294,10 +294,10 @@ class SampledDistance:
         for candidate in proposed.T:
             triangle = self._triangles[candidate]
             barycentric = closest_barycentric(triangle, points)
-            here = np.einsum("ij,ijk->ik", barycentric, triangle)
-            distance = np.linalg.norm(here - points, axis=1)
+            position = np.einsum("ij,ijk->ik", barycentric, triangle)
+            distance = np.linalg.norm(position - points, axis=1)
             nearer = distance < best
-            best[nearer], place[nearer], face[nearer] = distance[nearer], here[nearer], candidate[nearer]
+            best[nearer], place[nearer], face[nearer] = distance[nearer], position[nearer], candidate[nearer]
         return place, best, face
 
 
@@ -346,11 +346,11 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         few = partners[first:last]
         own = np.repeat(np.arange(last - first), few)
         rank = np.arange(len(own)) - np.repeat(ends[first:last] - few - begin, few)
-        other = order[np.repeat(start[vertex[first:last]], few) + rank]
-        cosine = np.einsum("ij,ij->i", normals[(own + first) // 3], normals[other // 3])
+        partner = order[np.repeat(start[vertex[first:last]], few) + rank]
+        cosine = np.einsum("ij,ij->i", normals[(own + first) // 3], normals[partner // 3])
         ramp = np.clip((cosine - low) / (high - low), 0.0, 1.0)
-        weight = angles.ravel()[other] * ramp * ramp * (3 - 2 * ramp)
-        weighted = normals[other // 3] * weight[:, None]
+        weight = angles.ravel()[partner] * ramp * ramp * (3 - 2 * ramp)
+        weighted = normals[partner // 3] * weight[:, None]
         for axis in range(3):
             total[first:last, axis] = np.bincount(own, weighted[:, axis], last - first)
         first = last

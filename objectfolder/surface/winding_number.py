@@ -129,7 +129,7 @@ def enclosed_volume(surface: Surface, *, samples: int = 32768, seed: int = 0) ->
 
 
 def _halves(group: NDArray[np.int64], centroid: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    here = centroid[group]
-    axis = int(np.argmax(np.ptp(here, axis=0)))
-    ordered = group[np.argsort(here[:, axis], kind="stable")]
+    places = centroid[group]
+    axis = int(np.argmax(np.ptp(places, axis=0)))
+    ordered = group[np.argsort(places[:, axis], kind="stable")]
     return ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]

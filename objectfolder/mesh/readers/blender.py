@@ -35,7 +35,7 @@ def read_with_blender(path: Path, *, with_textures: bool = True) -> TexturedMesh
     InputError
         Blender cannot read it, or finds no mesh in it.
     """
-    data, read = _as_gltf(*_version(path))
+    data, record = _as_gltf(*_version(path))
     with tempfile.TemporaryDirectory(prefix="objectfolder-blender-") as folder:
         converted = Path(folder) / "mesh.glb"
         converted.write_bytes(data)
@@ -43,11 +43,11 @@ def read_with_blender(path: Path, *, with_textures: bool = True) -> TexturedMesh
             mesh = read_gltf(converted, with_textures=with_textures)
         except InputError as problem:
             raise InputError(str(path), problem.finding, problem.remedy) from problem
-    remark = f"read by Blender {read['version']}, as glTF"
+    remark = f"read by Blender {record['version']}, as glTF"
     return replace(
         mesh,
-        vertices=mesh.vertices * read["metres"],
-        remarks=(remark, *read["remarks"], *mesh.remarks),
+        vertices=mesh.vertices * record["metres"],
+        remarks=(remark, *record["remarks"], *mesh.remarks),
     )
 
 

@@ -49,8 +49,8 @@ def main(source: Path, folder: Path) -> None:
         export_skins=False,
         export_morph=False,
     )
-    said = {"version": bpy.app.version_string, "files": files, "remarks": remarks, "metres": scale}
-    (folder / "read.json").write_text(json.dumps(said))
+    record = {"version": bpy.app.version_string, "files": files, "remarks": remarks, "metres": scale}
+    (folder / "read.json").write_text(json.dumps(record))
 
 
 def _images(source: Path) -> tuple[list[str], list[str]]:
@@ -103,7 +103,7 @@ def _foreign_nodes(tree: Any) -> set[str]:
     pending = [
         link.from_node for name in _COLOURS if name in shader.inputs for link in shader.inputs[name].links
     ]
-    seen = set(pending)
+    visited = set(pending)
     while pending:
         node = pending.pop()
         flat = node.type != "TEX_IMAGE" or (
@@ -115,8 +115,8 @@ def _foreign_nodes(tree: Any) -> set[str]:
             or (node.type == "TEX_COORD" and not node.outputs["UV"].is_linked)
         ):
             foreign.add(node.bl_label)
-        upstream = {link.from_node for socket in node.inputs for link in socket.links} - seen
-        seen |= upstream
+        upstream = {link.from_node for socket in node.inputs for link in socket.links} - visited
+        visited |= upstream
         pending += upstream
     return foreign
 

@@ -94,17 +94,17 @@ def lies_within(path: Path, folder: Path) -> bool:
 
 def _similar(path: Path, within: Path) -> Path | None:
     """The only file below `within` whose path differs from `path` in case and accents alone."""
-    found = Path(os.path.abspath(within))
-    for part in Path(os.path.abspath(path)).relative_to(found).parts:
+    candidate = Path(os.path.abspath(within))
+    for part in Path(os.path.abspath(path)).relative_to(candidate).parts:
         try:
-            entries = os.listdir(found)
+            entries = os.listdir(candidate)
         except (OSError, ValueError):
             return None
         alike = [part] if part in entries else [entry for entry in entries if _key(entry) == _key(part)]
         if len(alike) != 1:
             return None
-        found /= alike[0]
-    return found if is_file(found) else None
+        candidate /= alike[0]
+    return candidate if is_file(candidate) else None
 
 
 def _key(name: str) -> str:
@@ -160,10 +160,10 @@ def without_comment(text: str) -> str:
 
 def unreadable(path: Path, kind: str, problem: Exception) -> InputError:
     """What is said of a mesh file that is not of its kind, or is not whole."""
-    said = f"it has no {problem}" if isinstance(problem, KeyError) else problem
+    reason = f"it has no {problem}" if isinstance(problem, KeyError) else problem
     return InputError(
         str(path),
-        f"cannot be read as {kind} ({brief(said)})",
+        f"cannot be read as {kind} ({brief(reason)})",
         "Check that the file is complete and what it says",
     )
 

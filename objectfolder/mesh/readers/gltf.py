@@ -97,10 +97,10 @@ def _parts(file: Gltf, with_textures: bool) -> tuple[list[TexturedMesh], float]:
     materials: dict[int, Material] = {}
     step, triangles = 0.0, 0
     for transform, mesh in placed_meshes(file):
-        for said in mesh["primitives"]:
-            primitive = Primitive(file, said)
+        for entry in mesh["primitives"]:
+            primitive = Primitive(file, entry)
             vertices = _positions(primitive)
-            faces = _faces(primitive, said, len(vertices))
+            faces = _faces(primitive, entry, len(vertices))
             if not len(faces):
                 continue
             triangles += len(faces)
@@ -109,8 +109,8 @@ def _parts(file: Gltf, with_textures: bool) -> tuple[list[TexturedMesh], float]:
                     str(file.path), f"has more than {MOST_TRIANGLES} triangles in all", "Reduce their number"
                 )
             material = PLAIN
-            if with_textures and "material" in said:
-                index = whole(said["material"])
+            if with_textures and "material" in entry:
+                index = whole(entry["material"])
                 if index not in materials:
                     materials[index] = read_material(file, index, reader)
                 material = materials[index]
@@ -128,13 +128,13 @@ def _positions(primitive: Primitive) -> np.ndarray:
     return vertices
 
 
-def _faces(primitive: Primitive, said: Json, count: int) -> np.ndarray:
+def _faces(primitive: Primitive, entry: Json, count: int) -> np.ndarray:
     """Triangles (F, 3) of a primitive; none for points and lines."""
-    mode = whole(said.get("mode", _TRIANGLES))
+    mode = whole(entry.get("mode", _TRIANGLES))
     if mode < _TRIANGLES:
         return np.zeros((0, 3), dtype=np.int64)
     corners = primitive.corners(count)
-    if mode == _TRIANGLES or "KHR_draco_mesh_compression" in extensions(said):
+    if mode == _TRIANGLES or "KHR_draco_mesh_compression" in extensions(entry):
         return corners[: len(corners) // 3 * 3].reshape(-1, 3)
     if mode not in (_STRIP, _FAN):
         raise ValueError(f"primitives of mode {mode}")
@@ -246,13 +246,13 @@ def placed_meshes(file: Gltf) -> Iterator[tuple[np.ndarray, Json]]:
         for index in range(len(file.header.get("meshes", []))):
             yield np.eye(4), file.entry("meshes", index)
         return
-    seen: set[int] = set()
+    visited: set[int] = set()
     pending = [(index, np.eye(4)) for index in reversed(_roots(file))]
     while pending:
         index, around = pending.pop()
-        if index in seen:
+        if index in visited:
             raise ValueError(f"node {index} is reached twice, and nodes form a tree")
-        seen.add(index)
+        visited.add(index)
         node = file.entry("nodes", index)
         if extensions(node).get(VISIBILITY, {}).get("visible") is False:
             file.remark("it has hidden nodes, which are left out with what is below them")

@@ -118,8 +118,8 @@ class Gltf:
                 return base64.b64decode(content, validate=True)
             except binascii.Error as problem:
                 raise ValueError(f"a data URI that is no base64 ({problem})") from problem
-        found = named_file(self.path, uri)
-        return None if found is None else read_bytes(found)
+        file = named_file(self.path, uri)
+        return None if file is None else read_bytes(file)
 
     def unsupported(self, *names: str) -> InputError:
         """Return the error for extensions that are not read."""
@@ -179,14 +179,14 @@ def ignored_extensions(used: Any, required: Sequence[str]) -> list[str]:
 def gltf_files(path: Path, *, with_images: bool) -> list[Path]:
     """List the files that a glTF or GLB file names and that are there."""
     header = read_gltf_file(path).header
-    found = []
+    files = []
     for kind in ("buffers", "images") if with_images else ("buffers",):
         entries = header.get(kind, [])
         for entry in entries if isinstance(entries, list) else []:
             uri = entry.get("uri") if isinstance(entry, dict) else None
             if isinstance(uri, str) and not uri.startswith("data:"):
-                found.append(named_file(path, uri))
-    return [file for file in found if file is not None]
+                files.append(named_file(path, uri))
+    return [file for file in files if file is not None]
 
 
 def named_file(path: Path, uri: str) -> Path | None:
@@ -217,8 +217,8 @@ def numbers(values: Any, count: int, least: float = -1e30, most: float = 1e30) -
 
 def extensions(entry: Json) -> dict[str, Json]:
     """Return what extensions say in an entry."""
-    found = entry.get("extensions", {})
-    return {name: said for name, said in found.items() if isinstance(said, dict)}
+    entries = entry.get("extensions", {})
+    return {name: content for name, content in entries.items() if isinstance(content, dict)}
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes | None]:

@@ -159,8 +159,8 @@ def read_material(file: Gltf, index: Any, reader: TextureReader) -> Material:
         )
         if image is not None
     ]
-    for key, other in placed[1:]:
-        if other != placed[0][1]:
+    for key, place in placed[1:]:
+        if place != placed[0][1]:
             raise InputError(
                 str(file.path),
                 f"{key} of material {name} lies otherwise than {placed[0][0]}: on a second set of texture "
@@ -273,8 +273,8 @@ def _image(
     """RGBA of one of a material's textures and where it lies; None where it has none."""
     if key not in parts:
         return None, Placement()
-    said = parts[key]
-    texture = file.entry("textures", said["index"])
+    entry = parts[key]
+    texture = file.entry("textures", entry["index"])
     described = extensions(texture)
     source = described[WEBP]["source"] if WEBP in described else texture.get("source")
     if source is None:
@@ -295,14 +295,14 @@ def _image(
         rgba = reader.data(("image", source), data, where)
     sampler = file.entry("samplers", texture["sampler"]) if "sampler" in texture else {}
     repeats = {sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT)} == {REPEAT}
-    return rgba, _placement(said, repeats)
+    return rgba, _placement(entry, repeats)
 
 
-def _placement(said: Json, repeats: bool) -> Placement:
-    moved = extensions(said).get(TEXTURE_TRANSFORM, {})
+def _placement(entry: Json, repeats: bool) -> Placement:
+    moved = extensions(entry).get(TEXTURE_TRANSFORM, {})
     shift, scale = numbers(moved.get("offset", [0, 0]), 2), numbers(moved.get("scale", [1, 1]), 2)
     return Placement(
-        whole(moved.get("texCoord", said.get("texCoord", 0))),
+        whole(moved.get("texCoord", entry.get("texCoord", 0))),
         (shift[0], shift[1]),
         number(moved.get("rotation", 0.0)),
         (scale[0], scale[1]),

@@ -40,9 +40,9 @@ class Primitive:
         self._indices = primitive.get("indices")
         self._compressed: dict[str, np.ndarray] = {}
         self._faces: np.ndarray | None = None
-        said = extensions(primitive).get(DRACO)
-        if said is not None:
-            self._decompress(said)
+        compression = extensions(primitive).get(DRACO)
+        if compression is not None:
+            self._decompress(compression)
 
     def __contains__(self, name: str) -> bool:
         return name in self._accessors
@@ -56,10 +56,10 @@ class Primitive:
     def values(self, name: str) -> np.ndarray:
         """Return an attribute (n, width) as float64, normalised where the file says so."""
         accessor = self._file.entry("accessors", self._accessors[name])
-        found = self.stored(name)
-        if accessor.get("normalized", False) and found.dtype.kind in "iu":
-            return np.maximum(found / np.iinfo(found.dtype).max, -1.0)
-        return found.astype(np.float64)
+        attribute = self.stored(name)
+        if accessor.get("normalized", False) and attribute.dtype.kind in "iu":
+            return np.maximum(attribute / np.iinfo(attribute.dtype).max, -1.0)
+        return attribute.astype(np.float64)
 
     def colours(self, name: str) -> np.ndarray:
         """Return an attribute of colours (n, 3) in 0..1, scene-linear.
@@ -81,28 +81,28 @@ class Primitive:
     def corners(self, count: int) -> np.ndarray:
         """Return the vertex of each corner (n,) in order; of `count` vertices."""
         if self._faces is not None:
-            found = self._faces.reshape(-1)
+            indices = self._faces.reshape(-1)
         elif self._indices is None:
-            found = np.arange(count)
+            indices = np.arange(count)
         else:
             accessor = self._file.entry("accessors", self._indices)
-            found = _stored(self._file, accessor)
-            if found.shape[1] != 1 or found.dtype.kind != "u":
+            indices = _stored(self._file, accessor)
+            if indices.shape[1] != 1 or indices.dtype.kind != "u":
                 raise ValueError("indices that are no whole numbers")
-            found = found.reshape(-1)
-        if len(found) and int(found.max()) >= count:
-            raise ValueError(f"a face names vertex {int(found.max())} of {count}")
-        return found.astype(np.int64)
+            indices = indices.reshape(-1)
+        if len(indices) and int(indices.max()) >= count:
+            raise ValueError(f"a face names vertex {int(indices.max())} of {count}")
+        return indices.astype(np.int64)
 
-    def _decompress(self, said: Json) -> None:
+    def _decompress(self, compression: Json) -> None:
         with needs_extra("factory"):
             import DracoPy
         try:
-            decoded = DracoPy.decode(bytes(self._file.view(said["bufferView"])))
+            decoded = DracoPy.decode(bytes(self._file.view(compression["bufferView"])))
         except Exception as problem:  # the decoder may raise anything
             raise ValueError(f"its Draco data cannot be decoded: {problem}") from problem
         by_number = {entry["unique_id"]: entry["data"] for entry in decoded.attributes}
-        for name, number in said["attributes"].items():
+        for name, number in compression["attributes"].items():
             values = np.asarray(by_number[number])
             values = values.reshape(len(values), -1)
             accessor = self._file.entry("accessors", self._accessors[name])

@@ -96,9 +96,9 @@ def load_mesh(
         raise InputError(str(path), "the mesh file does not exist", "Correct the path or add the file")
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES:
-        known = ", ".join(MESH_SUFFIXES)
+        formats = ", ".join(MESH_SUFFIXES)
         finding = f"{suffix or 'no suffix'!r} is not a known mesh format"
-        raise InputError(str(path), finding, f"Use one of {known}")
+        raise InputError(str(path), finding, f"Use one of {formats}")
     refuse_foreign(path)
     if not any_count:
         refuse_many_faces(path)
@@ -126,22 +126,22 @@ def load_mesh(
 def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:
     """Textures with what goes with them, each kept once, in order of first use."""
     distinct: dict[tuple[Any, ...], int] = {}
-    kept: list[int] = []
+    indices: list[int] = []
     index_of = np.zeros(len(mesh.textures), dtype=np.int32)
     for index, texture in enumerate(mesh.textures):
         maps = [of.get(index) for of in (mesh.roughness_maps, mesh.metallic_maps, mesh.normal_maps)]
         key = (_content(texture), *map(_content, maps), mesh.alpha_cutoffs.get(index))
         if key not in distinct:
-            distinct[key] = len(kept)
-            kept.append(index)
+            distinct[key] = len(indices)
+            indices.append(index)
         index_of[index] = distinct[key]
 
     def renumbered(by_texture: Mapping[int, Kept]) -> dict[int, Kept]:
-        return {new: by_texture[old] for new, old in enumerate(kept) if old in by_texture}
+        return {new: by_texture[old] for new, old in enumerate(indices) if old in by_texture}
 
     return replace(
         mesh,
-        textures=tuple(mesh.textures[index] for index in kept),
+        textures=tuple(mesh.textures[index] for index in indices),
         face_texture=index_of[mesh.face_texture],
         alpha_cutoffs=renumbered(mesh.alpha_cutoffs),
         roughness_maps=renumbered(mesh.roughness_maps),
@@ -179,9 +179,9 @@ def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
     Material libraries and textures are left out where a named texture replaces them.
     """
     mesh = Path(mesh)
-    named = [mesh] if texture is None else [mesh, Path(texture)]
+    files = [mesh] if texture is None else [mesh, Path(texture)]
     if not is_file(mesh):
-        return tuple(named)
+        return tuple(files)
     suffix = mesh.suffix.lower()
     try:
         if suffix in (".gltf", ".glb"):
@@ -193,7 +193,7 @@ def source_files(mesh: Path, texture: Path | None = None) -> tuple[Path, ...]:
     except InputError:
         # Loading says what is wrong with them.
         referred = []
-    return tuple(dict.fromkeys([*named, *(path for path in referred if path.is_file())]))
+    return tuple(dict.fromkeys([*files, *(path for path in referred if path.is_file())]))
 
 
 def _obj_files(mesh: Path) -> list[Path]:
@@ -207,8 +207,8 @@ def _obj_files(mesh: Path) -> list[Path]:
 
 def _ply_files(mesh: Path) -> list[Path]:
     name = ply_texture_name(mesh)
-    found = None if name is None else find_file(mesh.parent, usual_places(name), within=mesh.parent)
-    return [] if found is None else [found]
+    picture = None if name is None else find_file(mesh.parent, usual_places(name), within=mesh.parent)
+    return [] if picture is None else [picture]
 
 
 _FILES_OF = {

@@ -301,9 +301,9 @@ def library_files(mesh: Path, library: str) -> list[Path]:
     listed = list(dict.fromkeys(without_comment(library).split()))[:MOST_LIBRARIES]
     for names in ([library], [unquoted(without_comment(library))], listed):
         paths = [find_file(mesh.parent, _places(name), within=_outermost(mesh)) for name in names]
-        found = [path for path in paths if path is not None]
-        if found and len(found) == len(paths):
-            return found
+        files = [path for path in paths if path is not None]
+        if files and len(files) == len(paths):
+            return files
     raise InputError(
         str(mesh),
         f"names the material library {shortened(library)}, which is not there",
@@ -378,9 +378,9 @@ def _is_number(text: str) -> bool:
 def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
     """Where the texture is: as written, beside the library, or in the folders scans come with."""
     written = _file_name(line.strip(), where)
-    found = _found_texture(mesh, library, written)
-    if found is not None:
-        return found
+    file = _found_texture(mesh, library, written)
+    if file is not None:
+        return file
     outside = not lies_within(library.parent / PureWindowsPath(written).as_posix(), _outermost(mesh))
     raise InputError(
         where,

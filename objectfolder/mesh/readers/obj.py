@@ -109,14 +109,14 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
     textures = tuple(reader.count(colour_image(material, reader)) for material in materials)
     rows = colour_rows(statements.vertices, remarks)
     plain = all(texture.shape[:2] == (1, 1) for texture in textures)
-    named = statements.libraries and any(material.has_colour for material in materials)
-    if with_textures and any(rows) and (named or not plain) and not all_white(rows):
+    has_materials = statements.libraries and any(material.has_colour for material in materials)
+    if with_textures and any(rows) and (has_materials or not plain) and not all_white(rows):
         remarks.append(
             "the colours of its vertices are taken, and not those of its materials"
             if plain
             else "the colours of its vertices are not used: it has a picture"
         )
-    if with_textures and any(rows) and plain and not (named and all_white(rows)):
+    if with_textures and any(rows) and plain and not (has_materials and all_white(rows)):
         colours = vertex_colours_of(path, rows, remarks)[faces]
         atlas, coordinates = corner_colour_atlas(
             np.concatenate([colours, np.ones((len(faces), 3, 1))], axis=2)
@@ -141,12 +141,12 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
 
 def material_libraries(path: Path) -> list[str]:
     """Return what the `mtllib` statements of an OBJ file name, as written."""
-    found = []
+    libraries = []
     for line in _lines(path):
         words = line.split(maxsplit=1)
         if words[:1] == ["mtllib"] and len(words) == 2:
-            found.append(words[1].strip())
-    return list(dict.fromkeys(found))
+            libraries.append(words[1].strip())
+    return list(dict.fromkeys(libraries))
 
 
 def _lines(path: Path) -> list[str]:
@@ -279,10 +279,10 @@ def _resolve(path: Path, statements: _Statements) -> None:
             if absent and not rows:
                 loop[:] = [-1] * len(loop)
             elif max(loop) >= rows + shift:
-                found = f"{kind} {max(loop)} of {rows}"
+                fault = f"{kind} {max(loop)} of {rows}"
                 raise InputError(
                     f"{path} line {statements.lines[number]}",
-                    f"cannot be read as Wavefront OBJ ({found})",
+                    f"cannot be read as Wavefront OBJ ({fault})",
                     "Export the mesh again",
                 )
             else:
@@ -293,7 +293,7 @@ def _materials(
     path: Path, statements: _Statements, remarks: list[str]
 ) -> tuple[list[ObjMaterial], np.ndarray]:
     """Materials in order of first use, and the index of each polygon's."""
-    known: dict[str, ObjMaterial] = {}
+    materials: dict[str, ObjMaterial] = {}
     libraries = list(dict.fromkeys(statements.libraries))
     if len(libraries) > MOST_LIBRARIES:
         raise InputError(
@@ -302,11 +302,11 @@ def _materials(
             "Join them, or name a texture for the object",
         )
     for library in libraries:
-        known |= read_material_library(path, library)
+        materials |= read_material_library(path, library)
     names = list(dict.fromkeys(statements.polygon_materials))
     index_of = {name: index for index, name in enumerate(names)}
     return (
-        [_material(path, known, name, remarks, has_library=bool(statements.libraries)) for name in names],
+        [_material(path, materials, name, remarks, has_library=bool(statements.libraries)) for name in names],
         np.array([index_of[name] for name in statements.polygon_materials], dtype=np.int32),
     )
 
@@ -323,7 +323,7 @@ def _without_colour(statements: _Statements) -> list[str]:
 
 
 def _material(
-    path: Path, known: dict[str, ObjMaterial], name: str | None, remarks: list[str], *, has_library: bool
+    path: Path, materials: dict[str, ObjMaterial], name: str | None, remarks: list[str], *, has_library: bool
 ) -> ObjMaterial:
     """The material of a name; of None, the only one there is.
 
@@ -334,13 +334,13 @@ def _material(
     """
     written = name or ""
     alike = [written, without_comment(written)]
-    alike += [other for other in known if written and other.casefold() == written.casefold()]
+    alike += [spelling for spelling in materials if written and spelling.casefold() == written.casefold()]
     for candidate in alike:
-        if candidate in known and (candidate or len(known) == 1):
-            return known[candidate]
+        if candidate in materials and (candidate or len(materials) == 1):
+            return materials[candidate]
     if not has_library:
         return ObjMaterial()
-    distinct = list({id(material): key for key, material in known.items()}.values())
+    distinct = list({id(material): key for key, material in materials.items()}.values())
     nameless = name is None or written.casefold() in _NAMELESS
     if nameless and len(distinct) <= 1:
         if distinct:
@@ -348,19 +348,19 @@ def _material(
                 "it uses no material by name (usemtl): the only one of its library, "
                 f"{shortened(distinct[0])}, is taken"
             )
-            return known[distinct[0]]
+            return materials[distinct[0]]
         remarks.append("its material library defines no material: it is drawn grey")
         return ObjMaterial()
-    there = ", ".join(map(shortened, sorted(distinct)[:3])) or "none"
-    there += ", ..." if len(distinct) > 3 else ""
+    choices = ", ".join(map(shortened, sorted(distinct)[:3])) or "none"
+    choices += ", ..." if len(distinct) > 3 else ""
     if name is None:
-        finding = f"has faces before any usemtl, and its material library has several materials ({there})"
+        finding = f"has faces before any usemtl, and its material library has several materials ({choices})"
         raise InputError(
             str(path), finding, "Write a usemtl before the faces, or name a texture for the object"
         )
     raise InputError(
         str(path),
         f"uses the material {shortened(written)}, which its material library does not define (it has: "
-        f"{there})",
+        f"{choices})",
         "Add it to the library, or name a texture for the object",
     )

@@ -40,8 +40,8 @@ def normal_image(material: ObjMaterial, reader: TextureReader) -> np.ndarray | N
     image = None
     if material.normal_map is not None:
         image = reader.file(material.normal_map)
-    elif material.bump_map is not None and holds_normals(found := reader.file(material.bump_map)):
-        image = found
+    elif material.bump_map is not None and holds_normals(bumps := reader.file(material.bump_map)):
+        image = bumps
     normals = None if image is None else scaled_normals(image, material.bump_scale)
     return None if normals is None else reader.count(normals)
 

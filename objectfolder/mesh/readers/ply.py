@@ -152,15 +152,15 @@ def ply_texture_name(path: Path) -> str | None:
 
 def _header(data: bytes) -> _Header:
     head = data[:_LONGEST_HEADER_BYTES]
-    found = head.find(b"end_header")
-    if data[:3] != b"ply" or found < 0:
+    mark = head.find(b"end_header")
+    if data[:3] != b"ply" or mark < 0:
         raise ValueError("it has no header of a PLY file")
-    end = found + len(b"end_header")
+    end = mark + len(b"end_header")
     end += 2 if data[end : end + 2] == b"\r\n" else 1
     order: str | None = None
     elements: list[_Element] = []
     textures = []
-    for line in head[:found].replace(b"\r", b"\n").decode("utf-8", errors="replace").split("\n")[1:]:
+    for line in head[:mark].replace(b"\r", b"\n").decode("utf-8", errors="replace").split("\n")[1:]:
         words = line.split()
         if words[:1] == ["format"]:
             order = _BYTE_ORDERS[words[1]]
@@ -336,14 +336,14 @@ def _texture_file(path: Path, names: list[str], columns: dict[str, dict[str, Col
                 "Export it as OBJ or glTF",
             )
         names = names[min(used) :][:1] or names
-    found = find_file(path.parent, usual_places(names[0]), within=path.parent)
-    if found is None:
+    file = find_file(path.parent, usual_places(names[0]), within=path.parent)
+    if file is None:
         raise InputError(
             str(path.parent / names[0][:100]),
             "the texture file does not exist",
             "Correct the path or add the file",
         )
-    return found
+    return file
 
 
 def _colours(

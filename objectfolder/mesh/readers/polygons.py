@@ -93,11 +93,11 @@ def _ears(points: Floats) -> Indices:
     triangles = []
     while len(left) > 3:
         before, after = flat[np.roll(left, 1)], flat[np.roll(left, -1)]
-        here = flat[left]
-        turn = _cross(here - before, after - here)
-        reflex = here[turn <= least]
+        corner = flat[left]
+        turn = _cross(corner - before, after - corner)
+        reflex = corner[turn <= least]
         for place in np.flatnonzero(turn > least):
-            if not _any_within(reflex, before[place], here[place], after[place]):
+            if not _any_within(reflex, before[place], corner[place], after[place]):
                 break
         else:
             place = int(np.argmin(np.abs(turn)))

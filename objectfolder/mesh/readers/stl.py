@@ -66,8 +66,8 @@ def read_stl(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         colours = _colours(data[:80], triangles["attribute"])
         step = single_precision_step(corners)
     else:
-        said = f"says {count} triangles, more than it holds" if count >= 0 else f"has {len(data)} bytes only"
-        raise InputError(str(path), f"cannot be read as STL ({said})", "Use the complete file")
+        fault = f"says {count} triangles, more than it holds" if count >= 0 else f"has {len(data)} bytes only"
+        raise InputError(str(path), f"cannot be read as STL ({fault})", "Use the complete file")
     if not len(corners):
         raise InputError(str(path), "holds no faces", "Use an STL file with triangles")
     vertices = corners.reshape(-1, 3)
@@ -116,16 +116,16 @@ def _colours(header: bytes, attributes: np.ndarray) -> np.ndarray | None:
 def _text_corners(path: Path, data: bytes) -> np.ndarray:
     """Corners (F, 3, 3) of the triangles of a text."""
     text = _NAME.sub(b"", data.replace(b"\r", b"\n"))
-    found = _VERTEX.findall(text)
+    corners = _VERTEX.findall(text)
     triangles = len(_END_OF_FACET.findall(text))
-    if len(found) != 3 * triangles:
+    if len(corners) != 3 * triangles:
         raise InputError(
             str(path),
-            f"cannot be read as STL ({len(found)} vertices for {triangles} facets)",
+            f"cannot be read as STL ({len(corners)} vertices for {triangles} facets)",
             "Use the complete file, with triangles only",
         )
     try:
-        return np.array(found).astype(np.float64).reshape(-1, 3, 3)
+        return np.array(corners).astype(np.float64).reshape(-1, 3, 3)
     except ValueError as problem:
         raise InputError(
             str(path), f"cannot be read as STL ({brief(problem)})", "Export the mesh again"

@@ -53,9 +53,9 @@ def decode_texture(data: bytes, where: str) -> np.ndarray:
     except InputError:
         raise
     except Exception as problem:  # a decoder may raise anything
-        said = "its content is of no known kind" if isinstance(problem, UnidentifiedImageError) else problem
+        reason = "its content is of no known kind" if isinstance(problem, UnidentifiedImageError) else problem
         raise InputError(
-            where, f"not a readable image ({brief(said)})", "Use a complete PNG, JPEG, WebP or TIFF image"
+            where, f"not a readable image ({brief(reason)})", "Use a complete PNG, JPEG, WebP or TIFF image"
         ) from problem
 
 

@@ -166,10 +166,10 @@ class _Reader:
             return
         if depth > _DEEPEST:
             raise ValueError("objects are made of one another")
-        for place, other, local in body.components:
+        for place, component, local in body.components:
             around = local @ transform[:3]
             around[3] += transform[3]
-            yield from self.placed(place or name, other, around, unit_m, depth + 1)
+            yield from self.placed(place or name, component, around, unit_m, depth + 1)
         self.triangles += len(body.faces)
         if self.triangles > MOST_TRIANGLES:
             raise ValueError(f"it has more than {MOST_TRIANGLES} triangles in all")

@@ -63,9 +63,12 @@ def _rounded(point: np.ndarray) -> np.ndarray:
 def _pip_centres(pips: int) -> np.ndarray:
     """Centres (pips, 2) on a face, in units of the offset of a corner pip."""
     diagonal = [(-1, -1), (1, 1)]
-    other = [(-1, 1), (1, -1)]
+    antidiagonal = [(-1, 1), (1, -1)]
     centres = (
-        [(0, 0)] * (pips % 2) + diagonal * (pips > 1) + other * (pips > 3) + [(-1, 0), (1, 0)] * (pips == 6)
+        [(0, 0)] * (pips % 2)
+        + diagonal * (pips > 1)
+        + antidiagonal * (pips > 3)
+        + [(-1, 0), (1, 0)] * (pips == 6)
     )
     return np.array(centres, dtype=np.float64)
 

@@ -18,13 +18,13 @@ class Shape:
     def textured(self, texture: np.ndarray) -> TexturedMesh:
         """Return the shape with one (h, w, 4) uint8 texture, without collapsed faces and unused vertices."""
         a, b, c = self.faces.T
-        kept = (a != b) & (b != c) & (c != a)
-        used, faces = np.unique(self.faces[kept], return_inverse=True)
+        whole = (a != b) & (b != c) & (c != a)
+        used, faces = np.unique(self.faces[whole], return_inverse=True)
         faces = faces.reshape(-1, 3)
         return TexturedMesh(
             self.vertices[used],
             faces,
-            self.texture_coordinates[kept],
+            self.texture_coordinates[whole],
             (texture,),
             np.zeros(len(faces), dtype=np.int32),
         )
@@ -47,8 +47,8 @@ def quads(indices: np.ndarray, coordinates: np.ndarray, cells: np.ndarray | None
     Shape
         With no vertices of its own.
     """
-    kept = np.ones((indices.shape[0] - 1, indices.shape[1] - 1), dtype=bool) if cells is None else cells
-    row, column = np.nonzero(kept)
+    chosen = np.ones((indices.shape[0] - 1, indices.shape[1] - 1), dtype=bool) if cells is None else cells
+    row, column = np.nonzero(chosen)
     corners = [(row, column), (row, column + 1), (row + 1, column + 1), (row + 1, column)]
     order = np.array([[0, 1, 2], [0, 2, 3]])
     corner_indices = np.stack([indices[corner] for corner in corners], axis=1)
