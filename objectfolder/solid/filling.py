@@ -256,10 +256,10 @@ def _outward(surface: Surface) -> Surface:
 def _measure(target: Surface, waves: BendingWaves | None = None) -> _Measured:
     form = normal_form(target)
     local = local_thickness(form.surface)
-    known = local.across[np.isfinite(local.across)]
-    walls = known[known > DOUBLED]
-    known = walls if len(walls) > MOSTLY * len(known) else known
-    thin, median = np.quantile(known, [0.05, 0.5]) if len(known) else (0.02, 0.02)
+    across = local.across[np.isfinite(local.across)]
+    walls = across[across > DOUBLED]
+    across = walls if len(walls) > MOSTLY * len(across) else across
+    thin, median = np.quantile(across, [0.05, 0.5]) if len(across) else (0.02, 0.02)
     volume, uncertainty = enclosed_volume(form.surface)
     pieces = int(patches_of(form.surface.edges).max()) + 1
     closed = is_closed(form.surface)
@@ -280,7 +280,7 @@ def _measure(target: Surface, waves: BendingWaves | None = None) -> _Measured:
 
 
 def _turned(
-    given: Surface, measured: _Measured, filling: Filling, waves: BendingWaves | None
+    source: Surface, measured: _Measured, filling: Filling, waves: BendingWaves | None
 ) -> tuple[Revolved, dict[str, Any]] | None:
     """A thin-walled body of revolution and what was done; None for other bodies."""
     if measured.pieces != 1 or not measured.closed or measured.median > MOST_TURNED_WALL:
@@ -288,12 +288,12 @@ def _turned(
     scale, most, area = measured.form.diagonal_m, _edge(measured, filling), measured.form.surface.area
 
     def longest_edge(wall: Floats) -> Floats:
-        known = np.where(np.isfinite(wall), wall, 1.0) * scale
-        carried = [waves.shortest_m(float(w), area * scale**2) / scale if waves else np.inf for w in known]
+        wall_m = np.where(np.isfinite(wall), wall, 1.0) * scale
+        carried = [waves.shortest_m(float(w), area * scale**2) / scale if waves else np.inf for w in wall_m]
         return np.minimum(most, filling.edge_per_wave * np.array(carried))
 
     # Of rings in flat faces some are left out as redundant: they are looked for on the surface as given, too.
-    turned = revolved(measured.form, longest_edge) or revolved(normal_form(given), longest_edge)
+    turned = revolved(measured.form, longest_edge) or revolved(normal_form(source), longest_edge)
     if turned is None:
         return None
     epsilon_m = filling.epsilon_per_wall * measured.wall * scale
@@ -367,24 +367,24 @@ def _flat_energy(flatness: float) -> float:
 
 def _doubts(measured: _Measured, solid: Solid) -> list[str]:
     """What is wrong with a solid as filled, by what its surface says."""
-    found = []
+    doubts = []
     allowed = MOST_VOLUME_ERROR * abs(measured.volume) + 3 * measured.volume_uncertainty
     if abs(solid.volume_m3 - measured.volume) > allowed:
-        found.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
+        doubts.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
     if len(solid.tetrahedra) > MOST_ELEMENTS:
-        found.append(f"it takes {len(solid.tetrahedra)} elements, more than {MOST_ELEMENTS}")
+        doubts.append(f"it takes {len(solid.tetrahedra)} elements, more than {MOST_ELEMENTS}")
     ratio = _wall_ratio(measured, solid)
     if measured.closed and not 1 / MOST_WALL_RATIO < ratio < MOST_WALL_RATIO:
-        found.append(f"its median wall is {ratio:.2f} times the surface's")
+        doubts.append(f"its median wall is {ratio:.2f} times the surface's")
     if solid.components > measured.pieces:
-        found.append(f"{measured.pieces} pieces of the surface became {solid.components} bodies")
+        doubts.append(f"{measured.pieces} pieces of the surface became {solid.components} bodies")
     if measured.closed and measured.pieces == 1:
         boundary = Surface(solid.vertices, solid.boundary()[0])
         away = boundary.sampled_distance.nearest(measured.local.points)[1]
         lost = float(np.mean(away > np.maximum(measured.local.least, 0.01)))
         if lost > 0.01:
-            found.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
-    return found
+            doubts.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
+    return doubts
 
 
 def _wall_ratio(measured: _Measured, solid: Solid) -> float:
@@ -392,8 +392,8 @@ def _wall_ratio(measured: _Measured, solid: Solid) -> float:
     boundary = Surface(solid.vertices, solid.boundary()[0])
     drawn = boundary.sample(2048, 0)
     across = distances_across(boundary, drawn.points, boundary.face_normals[drawn.face])
-    known = across[np.isfinite(across)]
-    return float(np.median(known) / measured.median) if len(known) else 0.0
+    finite = across[np.isfinite(across)]
+    return float(np.median(finite) / measured.median) if len(finite) else 0.0
 
 
 def _along_edges(surface: Surface) -> Floats:
@@ -428,9 +428,9 @@ def _finished(
     scale = measured.form.diagonal_m
     points, surface = measured.local.points, measured.form.surface
     boundary = Surface(solid.vertices, solid.boundary()[0])
-    there = boundary.sampled_distance.nearest(points)[1]
+    forth = boundary.sampled_distance.nearest(points)[1]
     back = surface.sampled_distance.nearest(boundary.sample(len(points), 1).points)[1]
-    away = np.concatenate([there, back]) * scale
+    away = np.concatenate([forth, back]) * scale
     largest = max(
         _largest_distance(boundary, np.concatenate([points, _along_edges(surface)])),
         _largest_distance(surface, _along_edges(boundary)),

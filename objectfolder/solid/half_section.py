@@ -186,8 +186,8 @@ def _stations(loop: _Loop) -> Floats:
             return np.array(places)
         start = float(np.interp(places[widest], np.arange(count + 1), total))
         for part in range(1, parts):
-            wanted = (start + part * needs[widest] / parts) % total[-1]
-            new = min(float(np.interp(wanted, total, np.arange(count + 1))), count - 1e-9)
+            station = (start + part * needs[widest] / parts) % total[-1]
+            new = min(float(np.interp(station, total, np.arange(count + 1))), count - 1e-9)
             places.append(new)
             mirrored(places, new)
 
@@ -226,10 +226,10 @@ def _rims(loop: _Loop, turn: Floats, is_corner: NDArray[np.bool_], length: Float
             continue
         kink[np.arange(first - 1, last + 2) % count] = False
         parts = math.ceil(turned[-1] / EDGE_TURN)
-        wanted = np.linspace(0, turned[-1], parts + 1)
+        angles = np.linspace(0, turned[-1], parts + 1)
         # A vertex each: its turn is taken as spread evenly over the sides beside it.
         middle = np.concatenate([[0.0], turned])
-        where = np.interp(wanted, middle, np.arange(first, last + 2) - 0.5)
+        where = np.interp(angles, middle, np.arange(first, last + 2) - 0.5)
         places += [float(np.round(place)) % count for place in where]
     return places + [float(k) for k in np.flatnonzero(kink)]
 
@@ -244,11 +244,11 @@ def _delaunay(points: Floats) -> Integers:
             for place, row in enumerate(triangles)
             for k in range(3)
         }
-        for (a, b), (here, c) in of_edge.items():
+        for (a, b), (near, c) in of_edge.items():
             if (b, a) in of_edge and _in_circle(points[[a, b, c]], points[of_edge[b, a][1]]):
-                there, d = of_edge[b, a]
+                far, d = of_edge[b, a]
                 if min(_twice_area(points[[a, d, c]]), _twice_area(points[[d, b, c]])) > 0:
-                    triangles[here], triangles[there] = (a, d, c), (d, b, c)
+                    triangles[near], triangles[far] = (a, d, c), (d, b, c)
                     break
         else:
             break

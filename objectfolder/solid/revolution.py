@@ -56,15 +56,15 @@ class Revolution:
             np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(segments, height)], 1)[:count]
             for (radius, height), count in zip(self.profile, counts, strict=True)
         ]
-        here = np.arange(len(counts) if self.looped else len(counts) - 1)
-        there = (here + 1) % len(counts)
+        lower = np.arange(len(counts) if self.looped else len(counts) - 1)
+        upper = (lower + 1) % len(counts)
         after = np.roll(np.arange(segments), -1)
         corners = [
             (starts[ring] + k * (counts[ring] > 1))
-            for ring, k in ((here[:, None], np.arange(segments)), (here[:, None], after))
+            for ring, k in ((lower[:, None], np.arange(segments)), (lower[:, None], after))
         ] + [
             (starts[ring] + k * (counts[ring] > 1))
-            for ring, k in ((there[:, None], after), (there[:, None], np.arange(segments)))
+            for ring, k in ((upper[:, None], after), (upper[:, None], np.arange(segments)))
         ]
         quads = np.stack(np.broadcast_arrays(*corners), axis=-1).reshape(-1, 4)
         faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
@@ -192,9 +192,9 @@ def _order(surface: Surface, ring: Integers, mean: Floats) -> tuple[Integers, bo
     if len(last) not in (0, 2) or np.any(mean[degree == 2, 0] == 0):
         return None
     neighbours: list[list[int]] = [[] for _ in mean]
-    for one, other in joined.tolist():
-        neighbours[one].append(other)
-        neighbours[other].append(one)
+    for a, b in joined.tolist():
+        neighbours[a].append(b)
+        neighbours[b].append(a)
     order = [int(last[0]) if len(last) else 0]
     while True:
         onward = [k for k in neighbours[order[-1]] if len(order) < 2 or k != order[-2]]

@@ -161,9 +161,9 @@ def _cell(
     middle = [number(k, 2 * step + 1) for k in fine]
     if len(fine) == 1:
         top = middle[0]
-        one, other = (k for k in corners if k not in fine)
-        diagonal = (end(one, 0), end(other, 1))
-        sides = [(*diagonal, end(other, 0)), (*diagonal, end(one, 1))]
+        low, high = (k for k in corners if k not in fine)
+        diagonal = (end(low, 0), end(high, 1))
+        sides = [(*diagonal, end(high, 0)), (*diagonal, end(low, 1))]
         return [(top, *first), (top, *last), *((top, *side) for side in sides)]
     coarse = next(k for k in corners if k not in fine)
     (a, b), (m, n) = (end(coarse, 0), end(coarse, 1)), middle

@@ -82,9 +82,9 @@ def _linkage_slots(data: bytes, name: bytes, where: str) -> Iterator[int]:
 
 def _load_address(library: Path) -> int:
     """Where the first segment of a loaded library lies in this process."""
-    wanted = str(library.resolve())
+    target = str(library.resolve())
     for line in Path("/proc/self/maps").read_text().splitlines():
         fields = line.split(maxsplit=5)
-        if len(fields) == 6 and fields[5] == wanted and int(fields[2], 16) == 0:
+        if len(fields) == 6 and fields[5] == target and int(fields[2], 16) == 0:
             return int(fields[0].partition("-")[0], 16)
     raise SimulationError(str(library), "not loaded", "Import it first.")

@@ -34,11 +34,11 @@ def thick_sheets(surface: Surface, sheet: NDArray[np.bool_], patch: Integers, wa
             np.column_stack([end, start + count, end + count]),
         ]
     )
-    both = np.concatenate([parted.faces, parted.faces[:, ::-1] + count, sides])
+    faces = np.concatenate([parted.faces, parted.faces[:, ::-1] + count, sides])
     rest = surface.faces[~thick]
     return Surface(
         np.concatenate([parted.vertices + offset, parted.vertices - offset, surface.vertices]),
-        np.concatenate([both, rest + 2 * count]),
+        np.concatenate([faces, rest + 2 * count]),
     )
 
 

@@ -82,19 +82,19 @@ def clean(vertices: Floats, tetrahedra: Integers, report: dict[str, Any], *, nam
     tetrahedra = np.where(inverted[:, None], tetrahedra[:, [0, 2, 1, 3]], tetrahedra)[whole]
     body = _bodies(tetrahedra)
     size = np.bincount(body, np.abs(volume[whole]))
-    kept = size >= SMALLEST_SHARE * size.sum()
-    number = np.cumsum(kept) - 1
-    stays = kept[body]
+    large = size >= SMALLEST_SHARE * size.sum()
+    number = np.cumsum(large) - 1
+    stays = large[body]
     tetrahedra, body = tetrahedra[stays], number[body[stays]]
     key = body[:, None] * len(vertices) + tetrahedra
     unique, renumbered = np.unique(key, return_inverse=True)
     report = {
         **report,
         "flat_elements_dropped": int(np.count_nonzero(~whole)),
-        "bodies": int(kept.sum()),
-        "body_volume_shares": (size[kept] / size.sum()).tolist(),
-        "crumbs_dropped": int(np.count_nonzero(~kept)),
-        "crumbs_volume_share": float(size[~kept].sum() / size.sum()),
+        "bodies": int(large.sum()),
+        "body_volume_shares": (size[large] / size.sum()).tolist(),
+        "crumbs_dropped": int(np.count_nonzero(~large)),
+        "crumbs_volume_share": float(size[~large].sum() / size.sum()),
     }
     return Solid(
         vertices[unique % len(vertices)], renumbered.reshape(key.shape), unique // len(vertices), report

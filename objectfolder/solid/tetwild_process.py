@@ -40,9 +40,9 @@ def simplify(surface: Surface, target_faces: int, most_faces: int, allowed: floa
         mesh = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
         reduced = mesh.decimate(1 - faces / len(surface.faces), volume_preservation=True)
         candidate = Surface(np.asarray(reduced.points, dtype=np.float64), reduced.faces.reshape(-1, 4)[:, 1:])
-        there = candidate.sampled_distance.nearest(drawn)[1]
+        forth = candidate.sampled_distance.nearest(drawn)[1]
         back = surface.sampled_distance.nearest(candidate.sample(1024, 1).points)[1]
-        moved = float(np.sqrt(np.mean(np.concatenate([there, back]) ** 2)))
+        moved = float(np.sqrt(np.mean(np.concatenate([forth, back]) ** 2)))
         patience = 2.5 if faces >= most_faces else 1.0
         lost = abs(_signed_volume(candidate) - volume)
         if moved <= patience * allowed and lost <= 0.01 * patience * abs(volume):
@@ -58,24 +58,24 @@ def _signed_volume(surface: Surface) -> float:
 
 def main(source: str, target: str) -> None:
     """Read, simplify, fill, write."""
-    given = np.load(source)
-    limit_cpu_time(int(given["time_limit_s"]))
-    most = int(given["memory_limit"])
+    inputs = np.load(source)
+    limit_cpu_time(int(inputs["time_limit_s"]))
+    most = int(inputs["memory_limit"])
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-    surface = Surface(given["vertices"], given["faces"])
+    surface = Surface(inputs["vertices"], inputs["faces"])
     diagonal = float(np.linalg.norm(np.ptp(surface.bounds, axis=0)))
     seed_random_device(Path(PyfTetWildWrapper.__file__), 0)
     simple, moved = simplify(
-        surface, int(given["target_faces"]), int(given["most_faces"]), float(given["allowed"])
+        surface, int(inputs["target_faces"]), int(inputs["most_faces"]), float(inputs["allowed"])
     )
-    many = len(simple.faces) >= MANY_FACES * int(given["target_faces"])
-    edge = float(given["edge_length" if many else "wave_edge"])
+    many = len(simple.faces) >= MANY_FACES * int(inputs["target_faces"])
+    edge = float(inputs["edge_length" if many else "wave_edge"])
     vertices, tetrahedra = pytetwild.tetrahedralize(
         simple.vertices,
         simple.faces.astype(np.int32),
         edge_length_fac=edge / diagonal,
-        epsilon=float(given["epsilon"]) / diagonal,
-        stop_energy=float(given["stop_energy"]),
+        epsilon=float(inputs["epsilon"]) / diagonal,
+        stop_energy=float(inputs["stop_energy"]),
         num_threads=1,
         quiet=True,
     )

@@ -107,27 +107,27 @@ def _growth(surface: Surface, thin: Floats, wall_m: float) -> Floats:
     np.minimum.at(most, vertex, GAP_SHARE * gap)
 
     edges = edge_table(surface.faces).vertices
-    known = total > 0
+    defined = total > 0
     for _ in range(THICKENING_STEPS):
-        if known.all():
+        if defined.all():
             break
-        mean, heard = _mean_of_neighbours(edges, value, known)
-        fresh = ~known & heard
+        mean, heard = _mean_of_neighbours(edges, value, defined)
+        fresh = ~defined & heard
         if not fresh.any():
             break
-        value[fresh], known[fresh] = mean[fresh], True
+        value[fresh], defined[fresh] = mean[fresh], True
     short = edges[np.linalg.norm(np.subtract(*surface.vertices[edges].swapaxes(0, 1)), axis=1) < wall_m]
     for _ in range(SMOOTHINGS):
-        mean, heard = _mean_of_neighbours(short, value, known)
+        mean, heard = _mean_of_neighbours(short, value, defined)
         value[heard] = (value[heard] + mean[heard]) / 2
     return np.minimum(value, most)
 
 
 def _mean_of_neighbours(
-    edges: NDArray[np.int64], value: Floats, known: NDArray[np.bool_]
+    edges: NDArray[np.int64], value: Floats, defined: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Mean (v,) of what is known at the other ends of the edges of each vertex, and where there is one."""
-    here, there = np.concatenate([edges, edges[:, ::-1]]).T
-    number = np.bincount(here, known[there], len(value))
-    total = np.bincount(here, np.where(known[there], value[there], 0.0), len(value))
+    start, end = np.concatenate([edges, edges[:, ::-1]]).T
+    number = np.bincount(start, defined[end], len(value))
+    total = np.bincount(start, np.where(defined[end], value[end], 0.0), len(value))
     return total / np.maximum(number, 1), number > 0
