@@ -67,10 +67,10 @@ def _locate(
     query, objects, points, offsets, boxes, order, triangles, face, barycentric, stack
 ):  # fmt: skip
     """Write the face of its object that is nearest to a point, and barycentric coordinates there."""
-    some, after, here = offsets[objects[query]], offsets[objects[query] + 1], slice(query, query + 1)
+    some, after, row = offsets[objects[query]], offsets[objects[query] + 1], slice(query, query + 1)
     closest(
-        boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], points[here],
-        stack, face[here], barycentric[here],
+        boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], points[row],
+        stack, face[row], barycentric[row],
     )  # fmt: skip
 
 
@@ -105,15 +105,15 @@ def _stand(
 ):  # fmt: skip
     """Write the mean normal round the touched point and the pose of first touch."""
     some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
-    here = slice(touch, touch + 1)
+    row = slice(touch, touch + 1)
     members = listed[starts[touch] : starts[touch + 1]]
     in_balls(
-        boxes[some[0] : after[0]], order[some[1] : after[1]], touched[here], radius, span, members
+        boxes[some[0] : after[0]], order[some[1] : after[1]], touched[row], radius, span, members
     )  # fmt: skip
     span[0], span[1] = 0, len(members)
     contact_normals(
-        touched[here], shading[here], span, members, triangles[some[2] : after[2]],
-        face_normals[some[2] : after[2]], radius, normals[here],
+        touched[row], shading[row], span, members, triangles[some[2] : after[2]],
+        face_normals[some[2] : after[2]], radius, normals[row],
     )  # fmt: skip
     pose = poses[touch]
     for column in range(4):

@@ -115,7 +115,7 @@ class Layer:
             # Without a force the gel stays where it meets the object.
             limit = torch.where(force > 0, limit, 0.0)
         pairs, lanes = len(gaps), 2 * self.shape[1]
-        (field, pressure), (other, moved) = self.room(pairs), self.room(pairs)
+        (field, pressure), (spare, moved) = self.room(pairs), self.room(pairs)
         total = None if force is None else force / self._cell
         state = torch.zeros((2 * pairs, 3), dtype=self.type, device=gaps.device)
         sums = torch.empty((2 * pairs, lanes // 2, 4), dtype=self.type, device=gaps.device)
@@ -150,11 +150,11 @@ class Layer:
                 shift = state[:, 2] + (over - total) / cells.clamp_min(1)
                 state[:, 2] = torch.maximum(shift, state[:, 0] * (reach - limit))
             elastic_bodies.descend((pairs, lanes), pressure, displacement, gaps, state, moved)
-            displaced = self.displacement(other)
+            displaced = self.displacement(spare)
             elastic_bodies.compare((pairs, lanes), pressure, displacement, moved, displaced, gaps, sums)
             work, squared, left, touching = sums.sum(1).unbind(1)
             state[:, 0] = (work / squared.clamp_min(1e-30)).clamp(1 / self._softest, 1 / self._stiffest)
-            field, pressure, other, moved = other, moved, field, pressure
+            field, pressure, spare, moved = spare, moved, field, pressure
             displacement = displaced
         return self._pressed(gaps, pressure, displacement, reach)
 

@@ -104,8 +104,8 @@ def _pixel(shade: Callable[..., Any]) -> Callable[..., None]:
         i, j = place // width, place % width
         covered = 0
         total, red, green, blue = zero, zero, zero, zero
-        seen = reach[touch, 0] <= i <= reach[touch, 1] and reach[touch, 2] <= j <= reach[touch, 3]
-        if seen:
+        inside = reach[touch, 0] <= i <= reach[touch, 1] and reach[touch, 2] <= j <= reach[touch, 3]
+        if inside:
             for ray in range(rays):
                 owner[ray], best[ray] = -1, gel_nearness[i * rays + ray, j]
             limit = constants[0]

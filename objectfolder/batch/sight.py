@@ -96,7 +96,7 @@ class SightBatch:
                 remedy += ", or build it with `material: learned`." if net.computed else "."
                 raise QueryError(f"files[{index}]", finding, remedy)
         lit = [LitSurface(net._surface) for net in nets]
-        trees = [one.volumes for one in lit]
+        trees = [surface.volumes for surface in lit]
         sizes = np.array([(len(tree.boxes), len(tree.faces)) for tree in trees])
         self._tree = _resident(
             _begins(sizes, place),
@@ -107,9 +107,9 @@ class SightBatch:
         )
         self._faces, self._facets, self._corners, self._corner_normals = _resident(
             joined([tree.faces for tree in trees], place),
-            joined([one.facets for one in lit], place),
-            joined([one._triangles for one in lit], place),
-            joined([one._corner_normals for one in lit], place),
+            joined([surface.facets for surface in lit], place),
+            joined([surface._triangles for surface in lit], place),
+            joined([surface._corner_normals for surface in lit], place),
         )
         grids = [grid for net in nets if (grid := net._grid) is not None]
         sizes = np.array([(*grid.sizes, *(len(lookup) for lookup in grid.lookups)) for grid in grids])
@@ -321,8 +321,8 @@ class _Network:
         of_lamp = terms[LIGHT_INPUTS]
         order = [*np.setdiff1d(terms, of_lamp), *of_lamp]
         direct, bounced = weights["direct.0.weight"], weights["bounced.0.weight"]
-        both, straight = 2 * LAYER_WIDTH, 6
-        hidden = both + 2 * straight + 4  # a multiple of 8
+        pair, straight = 2 * LAYER_WIDTH, 6
+        hidden = pair + 2 * straight + 4  # a multiple of 8
         # (inputs, outputs) of each product, then what it adds.
         first, second, third = (
             np.zeros((rows + 1, columns), dtype=np.float32)
@@ -331,16 +331,16 @@ class _Network:
             )
         )  # fmt: skip
         first[: direct.shape[1], :LAYER_WIDTH] = direct.T
-        first[:coarse, LAYER_WIDTH:both] = bounced[:, :coarse].T
-        first[features + ANGLES : sight_bodies.INPUT_ROWS, LAYER_WIDTH:both] = bounced[:, order].T
-        first[-1, :both] = np.concatenate([weights[f"{name}.0.bias"] for name in ("direct", "bounced")])
-        positive, negative = both + np.arange(straight), both + straight + np.arange(straight)
+        first[:coarse, LAYER_WIDTH:pair] = bounced[:, :coarse].T
+        first[features + ANGLES : sight_bodies.INPUT_ROWS, LAYER_WIDTH:pair] = bounced[:, order].T
+        first[-1, :pair] = np.concatenate([weights[f"{name}.0.bias"] for name in ("direct", "bounced")])
+        positive, negative = pair + np.arange(straight), pair + straight + np.arange(straight)
         for index, name in enumerate(("albedo", "facing")):
             if f"{name}.weight" in weights:
                 own, columns = weights[f"{name}.weight"].T, positive[3 * index : 3 * index + 3]
                 first[: len(own), columns], first[-1, columns] = own, weights[f"{name}.bias"]
         first[:, negative] = -first[:, positive]
-        rows = slice(0, LAYER_WIDTH), slice(LAYER_WIDTH, both)
+        rows = slice(0, LAYER_WIDTH), slice(LAYER_WIDTH, pair)
         answers = slice(0, sight_bodies.BOUNCED), slice(sight_bodies.BOUNCED, sight_bodies.ALBEDO)
         for name, some, shown in zip(("direct", "bounced"), rows, answers, strict=True):
             second[some, some], second[-1, some] = weights[f"{name}.2.weight"].T, weights[f"{name}.2.bias"]

@@ -45,7 +45,7 @@ _LEAST_COSINE = np.float32(LEAST_COSINE)
 
 def _cast(
     ray, place_of, inside, objects, cameras, lens, offsets, boxes, children, counts, triangles, faces,
-    view_of, direction, face, barycentric, origin, stack, entry, found, where,
+    view_of, direction, face, barycentric, origin, stack, entry, hit, where,
 ):  # fmt: skip
     """Write the view and the direction of a ray, and the face (-1: none) and place that it meets.
 
@@ -68,14 +68,14 @@ def _cast(
     for axis in range(3):
         direction[ray, axis] /= math.sqrt(squared)
     some, after = offsets[objects[view]], offsets[objects[view] + 1]
-    found[0] = -1
+    hit[0] = -1
     _first_hits(
         boxes[some[0] : after[0]], children[some[0] : after[0]], counts[some[0] : after[0]],
         triangles[some[1] : after[1]], faces[some[1] : after[1]], origin, direction[ray : ray + 1], stack,
-        entry, found, where,
+        entry, hit, where,
     )  # fmt: skip
-    face[ray] = found[0]
-    if found[0] >= 0:
+    face[ray] = hit[0]
+    if hit[0] >= 0:
         for corner in range(3):
             barycentric[ray, corner] = where[0, corner]
 
@@ -86,21 +86,21 @@ def _light(
     blocked, v, n, stack,
 ):  # fmt: skip
     """Write where a point is, its normal, and what of the lamp reaches it past the object."""
-    ray, here = ray_of[point], slice(point, point + 1)
-    view, there = view_of[ray], slice(ray, ray + 1)
+    ray, row = ray_of[point], slice(point, point + 1)
+    view, beam = view_of[ray], slice(ray, ray + 1)
     some, after = offsets[objects[view]], offsets[objects[view] + 1]
     own, normals, flat = (
         corners[some[1] : after[1]], corner_normals[some[1] : after[1]], facets[some[1] : after[1]]
     )  # fmt: skip
     lamp = lights[view : view + 1]
     _surface_points(
-        face[there], barycentric[there], direction[there], own, normals, flat, position[here], normal[here],
-        side[here],
+        face[beam], barycentric[beam], direction[beam], own, normals, flat, position[row], normal[row],
+        side[row],
     )  # fmt: skip
     irradiance[point] = 0.0
     _unhindered(
-        face[there], barycentric[there], position[here], normal[here], side[here], lamp, own, normals, flat,
-        TERMINATOR_COSINE, SELF_OFFSET, irradiance[here], start, v, n,
+        face[beam], barycentric[beam], position[row], normal[row], side[row], lamp, own, normals, flat,
+        TERMINATOR_COSINE, SELF_OFFSET, irradiance[row], start, v, n,
     )  # fmt: skip
     lit[0], blocked[0] = irradiance[point] > 0, False
     _occluded(
@@ -166,7 +166,7 @@ def _inputs(
 def _mirror(
     point, ray_of, view_of, objects, offsets, boxes, children, counts, triangles, faces, facets, face,
     position, normal, side, direction, met_view, met_direction, met_face, met_barycentric, origin, stack,
-    entry, found, where,
+    entry, hit, where,
 ):  # fmt: skip
     """Write what the mirror ray of a point meets, as `incidence.mirror_rays` and `first_hits` do."""
     ray = ray_of[point]
@@ -187,14 +187,14 @@ def _mirror(
         origin[0, axis] = position[point, axis] + SELF_OFFSET * side[point] * flat[axis]
     for axis in range(3):
         met_direction[point, axis] /= math.sqrt(squared)
-    found[0] = -1
+    hit[0] = -1
     _first_hits(
         boxes[some[0] : after[0]], children[some[0] : after[0]], counts[some[0] : after[0]],
         triangles[some[1] : after[1]], faces[some[1] : after[1]], origin, met_direction[point : point + 1],
-        stack, entry, found, where,
+        stack, entry, hit, where,
     )  # fmt: skip
-    met_face[point] = found[0]
-    if found[0] >= 0:
+    met_face[point] = hit[0]
+    if hit[0] >= 0:
         for corner in range(3):
             met_barycentric[point, corner] = where[0, corner]
 

@@ -182,11 +182,11 @@ def write(
     amplitudes = [table.amplitudes(gains, normal, pushes) for table in tables]
     step = max(1, NUMBERS_AT_ONCE // max(1, *(table.coarse.numel() for table in tables)))
     for start in range(0, len(pushes), step):
-        here = slice(start, min(start + step, len(pushes)))
-        target = sound[here] if rows is None else torch.empty_like(sound[: here.stop - start])
+        part = slice(start, min(start + step, len(pushes)))
+        target = sound[part] if rows is None else torch.empty_like(sound[: part.stop - start])
         target.zero_()
         for table, amplitude in zip(tables, amplitudes, strict=True):
-            some = amplitude[here]
+            some = amplitude[part]
             if table.free > table.begin:
                 target[:, table.begin : table.free] += some @ table.onset
             left = target.shape[1] - table.free
@@ -195,7 +195,7 @@ def write(
                 product = (each.reshape(-1, each.shape[2]) @ table.fine).reshape(len(some), -1)
                 target[:, table.free :] += product[:, :left]
         if rows is not None:
-            sound[rows[here]] = target
+            sound[rows[part]] = target
 
 
 def _interleaved(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -205,8 +205,8 @@ def _interleaved(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def _covariance(a: Tensor, b: Tensor) -> Tensor:
     """`surface_kernel.SurfaceKernel.covariance` on a device."""
-    one, other = a[:, 3:], b[:, 3:]
-    r = one @ (-2 * other.T) + (one * one).sum(1)[:, None] + (other * other).sum(1)
+    first, second = a[:, 3:], b[:, 3:]
+    r = first @ (-2 * second.T) + (first * first).sum(1)[:, None] + (second * second).sum(1)
     r = r.clamp(min=0.0).sqrt()
     return torch.exp(-r) * (((r / 15 + 0.4) * r + 1) * r + 1) * (a[:, :3] @ b[:, :3].T + 1)
 

@@ -101,11 +101,11 @@ class TouchBatch:
             raise QueryError("precision", f"{precision!r}", "Use 'single' or 'double'.")
         self.device, self.sensor = checked_device(device), sensor
         self.count, self._rays, kind = len(patches), samples * samples, PRECISIONS[precision]
-        self._trees = ResidentTrees.of([one.surface for one in patches], self.device)
+        self._trees = ResidentTrees.of([patch.surface for patch in patches], self.device)
         self._faces = self._trees.arrays
-        self._face_normals = joined([one.face_normals for one in patches], self.device)
-        self._corner_normals = joined([one.corner_normals for one in patches], self.device)
-        self._diagonals = upload(np.array([one.diagonal_m for one in patches]), self.device)
+        self._face_normals = joined([patch.face_normals for patch in patches], self.device)
+        self._corner_normals = joined([patch.corner_normals for patch in patches], self.device)
+        self._diagonals = upload(np.array([patch.diagonal_m for patch in patches]), self.device)
         grid, gel = coverage_grid(sensor, samples), gel_constants(sensor)
         shape = (sensor.image_height, sensor.image_width, 3)
 
@@ -177,8 +177,8 @@ class TouchBatch:
         QueryError
             As `Press`; arrays of other shapes, `out` of another size.
         """
-        asked = Press(force_n=force_n, contact=contact)  # type: ignore[arg-type]
-        bends = asked.contact_model == "elastic"
+        query = Press(force_n=force_n, contact=contact)  # type: ignore[arg-type]
+        bends = query.contact_model == "elastic"
         if force_n is not None and depth_m is not None:
             raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
         count = len(points)  # type: ignore[arg-type]
@@ -313,25 +313,25 @@ class TouchBatch:
         most = torch.where(blocked, 0.0, most)
         answers = torch.empty((3, len(which)), dtype=self._kind, device=self.device)
         for first in range(0, len(which), elastic.TOUCHES_AT_ONCE):
-            here = slice(first, first + elastic.TOUCHES_AT_ONCE)
-            margins = elastic.BULGE_MARGIN * most[here]
-            starts, rows = self._faces_near(which[here], poses[here], blocked[here], margins)
+            batch = slice(first, first + elastic.TOUCHES_AT_ONCE)
+            margins = elastic.BULGE_MARGIN * most[batch]
+            starts, rows = self._faces_near(which[batch], poses[batch], blocked[batch], margins)
             forms, windows = (
                 self._room(rows, elastic_bodies.FORMS, kind=self._kind), self._room(rows, 4, kind=torch.int32)
             )  # fmt: skip
             elastic_bodies.lean(
-                len(margins), which[here], poses[here], *self._faces, self._corner_normals, self._gel,
-                blocked[here], margins, starts, layer.grid, self._room(rows),
+                len(margins), which[batch], poses[batch], *self._faces, self._corner_normals, self._gel,
+                blocked[batch], margins, starts, layer.grid, self._room(rows),
                 self._room(rows, kind=torch.int64), self._room(rows, 3, 3), forms, windows,
             )  # fmt: skip
             gaps, slopes = layer.gaps_and_slopes(starts, windows, forms)
-            pressed = layer.press(gaps, most[here], None if force is None else force[here], steps)
-            parts = images.rgb[here], images.depth_m[here], images.mask[here]
+            pressed = layer.press(gaps, most[batch], None if force is None else force[batch], steps)
+            parts = images.rgb[batch], images.depth_m[batch], images.mask[batch]
             view.see(pressed, slopes, parts)
             for answer, part in zip(
                 answers, (pressed.indentation_m, pressed.force_n, pressed.relative_residual), strict=True
             ):
-                answer[here] = part[: len(margins)]
+                answer[batch] = part[: len(margins)]
         return answers
 
 
