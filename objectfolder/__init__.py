@@ -105,11 +105,11 @@ def example(name: str = "mug") -> "ObjectFile":
     >>> objectfolder.example("mug")
     ObjectFile('Mug with a handle', ceramic, 0.286 kg, 11.8 x 8.2 x 9.5 cm, 44 modes)
     """
-    known = sorted(path.stem for path in EXAMPLES.glob("*.safetensors"))
-    if name not in known:
+    names = sorted(path.stem for path in EXAMPLES.glob("*.safetensors"))
+    if name not in names:
         from objectfolder.errors import QueryError
 
-        raise QueryError("name", f"{name!r} is no example", f"Use {' or '.join(known)}.")
+        raise QueryError("name", f"{name!r} is no example", f"Use {' or '.join(names)}.")
     return load(EXAMPLES / f"{name}.safetensors")
 
 

@@ -91,16 +91,16 @@ class Catalogue:
 
     def select(self, ids: Iterable[str], where: str = "ONLY") -> "Catalogue":
         """Keep the objects named; InputError with the nearest id for one that the table does not have."""
-        wanted = list(ids)
-        known = [record.id for record in self.records] + list(self.errors)
-        for object_id in wanted:
-            if object_id not in known:
-                near = difflib.get_close_matches(object_id, known, n=1)
+        selection = list(ids)
+        table_ids = [record.id for record in self.records] + list(self.errors)
+        for object_id in selection:
+            if object_id not in table_ids:
+                near = difflib.get_close_matches(object_id, table_ids, n=1)
                 remedy = f"Did you mean {near[0]!r}?" if near else "Use an id of the table"
                 raise InputError(where, f"there is no object {object_id!r}", remedy)
         return Catalogue(
-            tuple(record for record in self.records if record.id in wanted),
-            {object_id: error for object_id, error in self.errors.items() if object_id in wanted},
+            tuple(record for record in self.records if record.id in selection),
+            {object_id: error for object_id, error in self.errors.items() if object_id in selection},
         )
 
 
@@ -196,9 +196,9 @@ def _check_columns(path: Path, columns: list[str]) -> None:
         )
         if name not in columns and (near or name in REQUIRED_COLUMNS):
             remedy = f"Rename {near[0]!r} to {name!r}" if near else f"Add a column {name!r}"
-            for separator, said in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+            for separator, marks in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
                 if len(columns) == 1 and separator in columns[0]:
-                    remedy = f"Its columns are separated by {said}: separate them by commas"
+                    remedy = f"Its columns are separated by {marks}: separate them by commas"
             raise InputError(str(path), f"has no column {name!r}", remedy)
 
 
@@ -211,17 +211,17 @@ def _faulty_ids(path: Path, rows: list[tuple[int, dict[str, str]]]) -> dict[int,
     errors: dict[int, InputError] = {}
     for line, row in rows:
         object_id = row["id"]
-        others = [str(other) for other in lines[object_id.casefold()] if other != line]
+        repeats = [str(number) for number in lines[object_id.casefold()] if number != line]
         where = f"{path} line {line}, field id"
         try:
             check_id(object_id, where)
         except InputError as problem:
             errors[line] = problem
         else:
-            if others:
+            if repeats:
                 errors[line] = InputError(
                     where,
-                    f"{object_id!r} is also used in line {', '.join(others)} (case does not count)",
+                    f"{object_id!r} is also used in line {', '.join(repeats)} (case does not count)",
                     "Give each object its own id",
                 )
     return errors
@@ -339,11 +339,11 @@ def _up(text: str, where: str) -> str | None:
 
 
 def _senses(text: str, where: str) -> tuple[str, ...]:
-    named = text.lower().split() or list(SENSES)
-    if not {"vision", "touch"} <= set(named) <= set(SENSES):
+    senses = text.lower().split() or list(SENSES)
+    if not {"vision", "touch"} <= set(senses) <= set(SENSES):
         remedy = f"Give {' '.join(SENSES)!r}, 'vision touch' to leave sound out, or nothing for all"
         raise InputError(where, f"{text!r} is not vision, touch and perhaps audio", remedy)
-    return tuple(sense for sense in SENSES if sense in named)
+    return tuple(sense for sense in SENSES if sense in senses)
 
 
 def _positive(text: str, where: str, unit: str) -> float | None:

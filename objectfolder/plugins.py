@@ -64,7 +64,7 @@ def find_plugin(group: str, name: str, own: Collection[str]) -> Plugin | None:
         return None
     brought = [_distribution(entry) for entry in entries]
     if len(entries) > 1 or name in own:
-        owners = [" ".join(one) for one in brought] + ["ObjectFolder Factory itself"] * (name in own)
+        owners = [" ".join(release) for release in brought] + ["ObjectFolder Factory itself"] * (name in own)
         remedy = f"Uninstall one: pip uninstall {brought[0][0]}"
         raise InputError(f"{group}: {name!r}", f"is the name of parts of {' and of '.join(owners)}", remedy)
     distribution, version = brought[0]

@@ -37,15 +37,15 @@ def real_array(name: str, values: Any, remedy: str = "Give an array of numbers."
     if isinstance(values, np.ndarray):
         require_room(name, 8 * values.size, "Ask for less at a time.")
     try:
-        given = np.asarray(values)
-        if np.iscomplexobj(given):
+        array = np.asarray(values)
+        if np.iscomplexobj(array):
             raise TypeError("complex")
-        found = np.asarray(given, dtype=np.float64)
+        numbers = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise QueryError(name, reprlib.repr(values), remedy) from error
-    if not np.isfinite(found).all():
+    if not np.isfinite(numbers).all():
         raise QueryError(name, "not finite", "Give numbers.")
-    return found
+    return numbers
 
 
 def point_rows(values: Any, name: str, least: int = 0) -> np.ndarray:
@@ -95,12 +95,12 @@ def real(name: str, value: Any, low: float = -math.inf, high: float = math.inf, 
     if isinstance(value, bool | str) or np.ndim(value) or np.iscomplexobj(value):
         raise QueryError(name, reprlib.repr(value), "Give a number.")
     try:
-        found = float(value)
+        number = float(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise QueryError(name, reprlib.repr(value), "Give a number.") from error
-    if not (math.isfinite(found) and low <= found <= high):
-        raise QueryError(name, f"{found}{unit}", f"Give {low:g}{unit} to {high:g}{unit}.")
-    return found
+    if not (math.isfinite(number) and low <= number <= high):
+        raise QueryError(name, f"{number}{unit}", f"Give {low:g}{unit} to {high:g}{unit}.")
+    return number
 
 
 def whole(name: str, value: Any, low: int, high: int) -> int:
@@ -118,12 +118,12 @@ def whole(name: str, value: Any, low: int, high: int) -> int:
     objectfolder.errors.QueryError: count: 1.5. Give a whole number, 0 to 10.
     """
     try:
-        found = operator.index(value)
+        number = operator.index(value)
     except TypeError:
-        found = low - 1
-    if isinstance(value, bool) or not low <= found <= high:
+        number = low - 1
+    if isinstance(value, bool) or not low <= number <= high:
         raise QueryError(name, reprlib.repr(value), f"Give a whole number, {low} to {high}.")
-    return found
+    return number
 
 
 def image_sides(resolution: Any, least: int) -> tuple[int, int]:

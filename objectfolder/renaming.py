@@ -74,7 +74,7 @@ def formerly_positional(function: Callable[Parameters, Result]) -> Callable[Para
     ...     samples(2.0, 1000), str(caught[0].message)
     (2000, 'samples: give `sample_rate_hz` by keyword; its position goes with 0.3')
     """
-    kinds = [(name, known.kind) for name, known in inspect.signature(function).parameters.items()]
+    kinds = [(name, parameter.kind) for name, parameter in inspect.signature(function).parameters.items()]
     keyword_only = [name for name, kind in kinds if kind is inspect.Parameter.KEYWORD_ONLY]
     positions = len(kinds) - len(keyword_only)
 

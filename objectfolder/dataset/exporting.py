@@ -106,7 +106,7 @@ def _written(
         for sample in samples.__getitems__(batch):
             key = f"{sample['object_id']}-{sample['query']:06d}".replace(".", "_")  # a key ends at a dot
             files: Files = {}
-            said: dict[str, Any] = {}
+            fields: dict[str, Any] = {}
             for name, value in sample.items():
                 if name == "image":
                     files[".png"] = _png(np.round(value.transpose(1, 2, 0) * 255).astype(np.uint8))
@@ -117,12 +117,12 @@ def _written(
                 elif name == "mask":
                     files["_mask.png"] = _png(value.astype(np.uint8) * 255)
                 elif name == "depth_m":
-                    files["_depth.png"], said["depth_unit_m"] = _depth_png(value)
+                    files["_depth.png"], fields["depth_unit_m"] = _depth_png(value)
                 else:
-                    said[name] = value if isinstance(value, str | int) else value.tolist()
+                    fields[name] = value if isinstance(value, str | int) else value.tolist()
             if samples.sense == "audio":
-                said["sample_rate_hz"] = samples.settings.sample_rate_hz
-            yield key, files, said
+                fields["sample_rate_hz"] = samples.settings.sample_rate_hz
+            yield key, files, fields
 
 
 def _write_shards(
@@ -133,8 +133,8 @@ def _write_shards(
         with tarfile.open(
             folder / f"{split}-{count // size:06d}.tar", "w", format=tarfile.USTAR_FORMAT
         ) as shard:
-            for key, files, said in part:
-                for ending, content in {**files, ".json": json.dumps(said).encode()}.items():
+            for key, files, fields in part:
+                for ending, content in {**files, ".json": json.dumps(fields).encode()}.items():
                     entry = tarfile.TarInfo(key + ending)  # without time or owner: equal bytes
                     entry.size = len(content)
                     shard.addfile(entry, io.BytesIO(content))
@@ -148,11 +148,11 @@ def _write_folder(folder: Path, written: Iterator[tuple[str, Files, dict[str, An
     folder.mkdir()
     count = 0
     with (folder / "metadata.jsonl").open("w", encoding="utf-8") as lines:
-        for key, files, said in written:
+        for key, files, fields in written:
             row = {columns[ending]: key + ending for ending in files}
             for ending, content in files.items():
                 (folder / f"{key}{ending}").write_bytes(content)
-            lines.write(json.dumps({**row, **said}, allow_nan=False) + "\n")
+            lines.write(json.dumps({**row, **fields}, allow_nan=False) + "\n")
             count += 1
     return count
 

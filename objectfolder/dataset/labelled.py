@@ -56,13 +56,13 @@ def open_xarray(product: Path | str, *, chunks: Any = None) -> "xarray.Dataset":
         group = zarr.open_group(store, mode="r", zarr_format=3)
         shapes = {name: tuple(array.shape) for name, array in group.arrays()}
         metadata: dict[str, Any] = {name: array.metadata for name, array in group.arrays()}
-        names = {name: tuple(said.dimension_names) for name, said in metadata.items()}
+        names = {name: tuple(entry.dimension_names) for name, entry in metadata.items()}
         renamed = _renamed(names, shapes)
         parts = []
         for new in sorted({tuple(sorted(rename.items())) for rename in renamed.values()}):
-            others = [name for name, rename in renamed.items() if tuple(sorted(rename.items())) != new]
+            rest = [name for name, rename in renamed.items() if tuple(sorted(rename.items())) != new]
             part = xarray.open_zarr(
-                store, consolidated=False, zarr_format=3, drop_variables=others, chunks=chunks
+                store, consolidated=False, zarr_format=3, drop_variables=rest, chunks=chunks
             )
             parts.append(part.rename(dict(new)))
         data = xarray.merge(parts, combine_attrs="override", join="exact", compat="no_conflicts")

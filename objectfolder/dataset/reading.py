@@ -30,17 +30,17 @@ class Layout:
     @classmethod
     def of_json(cls, text: bytes) -> "Layout":
         """Read the metadata of a Zarr 3 array; raises anything for what `write_product` does not write."""
-        said = json.loads(text)
-        shape, chunks = tuple(said["shape"]), tuple(said["chunk_grid"]["configuration"]["chunk_shape"])
+        header = json.loads(text)
+        shape, chunks = tuple(header["shape"]), tuple(header["chunk_grid"]["configuration"]["chunk_shape"])
         whole = tuple(max(1, size) for size in shape)
-        as_bytes, compressed = said["codecs"]
+        as_bytes, compressed = header["codecs"]
         endian = as_bytes.get("configuration", {}).get("endian", "little")
         if (as_bytes["name"], endian, compressed["name"]) != ("bytes", "little", "blosc"):
-            raise ValueError(f"stored by {said['codecs']}")
+            raise ValueError(f"stored by {header['codecs']}")
         if chunks not in (whole, (1, *whole[1:])):
             raise ValueError(f"shape {shape} in chunks of {chunks}")
-        dtype = np.dtype(said["data_type"]).newbyteorder("<")
-        return cls(shape, dtype, chunks != whole, said["fill_value"])
+        dtype = np.dtype(header["data_type"]).newbyteorder("<")
+        return cls(shape, dtype, chunks != whole, header["fill_value"])
 
 
 class ProductReader:

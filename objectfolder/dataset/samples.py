@@ -53,13 +53,13 @@ class ObjectSamples:
         all_queries: bool = False,
         open_objects: int = 16,
     ) -> None:
-        for name, value, known in (
+        for name, value, choices in (
             ("sense", sense, tuple(SENSE_READERS)),
             ("split", split, SPLITS),
             ("source", source, SOURCES),
         ):
-            if value not in known:
-                raise InputError(name, f"there is no {value!r}", f"Choose of {', '.join(known)}.")
+            if value not in choices:
+                raise InputError(name, f"there is no {value!r}", f"Choose of {', '.join(choices)}.")
         self.sense, self.split, self.source = sense, split, source
         self.settings = Settings(duration_s, sample_rate_hz, resolution, sub_rays, passes)
         self._open_objects = open_objects
@@ -111,9 +111,9 @@ class ObjectSamples:
             place, number = self._found(int(index) % size)
             of_objects.setdefault(place, []).append((position, number))
         samples: list[dict[str, Any]] = [{}] * len(indices)
-        for place, wanted in of_objects.items():
-            answers = self._answers(place, np.array([number for _, number in wanted]))
-            for (position, _), sample in zip(wanted, answers, strict=True):
+        for place, requests in of_objects.items():
+            answers = self._answers(place, np.array([number for _, number in requests]))
+            for (position, _), sample in zip(requests, answers, strict=True):
                 samples[position] = sample
         return samples
 
@@ -149,16 +149,16 @@ class ObjectSamples:
     def _chosen(self, objects: Sequence[str] | None, part: str | None) -> list[str]:
         assert self._root is not None
         folder = self._root / "data" / SENSE_READERS[self.sense].kind
-        found = _ids(folder, ARCHIVE)
+        ids = _ids(folder, ARCHIVE)
         if self.source == "object_file":
-            found &= _ids(self._root / "data" / "object_files", TENSOR_SUFFIX)
-        if not found:
+            ids &= _ids(self._root / "data" / "object_files", TENSOR_SUFFIX)
+        if not ids:
             raise InputError(
                 str(self._root),
                 f"no objects with {folder.name}{' and an Object File' if self.source != 'truth' else ''}",
                 "Name the root of a data set; `dvc pull` or `objectfolder get --stage` brings its products.",
             )
-        return self._of_split(_checked(objects, found, str(folder)), part)
+        return self._of_split(_checked(objects, ids, str(folder)), part)
 
     def _of_split(self, ids: list[str], part: str | None) -> list[str]:
         if part is None:
@@ -202,13 +202,13 @@ class ObjectSamples:
         """Return name, source, licence and attribution of an object as its file or record has them."""
         path = self._object_path(object_id)
         if path.is_file():
-            said: dict[str, Any] | None = json.loads(read_metadata(path).get("object", "null"))
-            return said
+            description: dict[str, Any] | None = json.loads(read_metadata(path).get("object", "null"))
+            return description
         assert self._root is not None
         records = self._root / "data" / "records.json"
         content = json.loads(records.read_text(encoding="utf-8")) if records.is_file() else {"objects": {}}
-        found: dict[str, Any] | None = content["objects"].get(object_id)
-        return found
+        entry: dict[str, Any] | None = content["objects"].get(object_id)
+        return entry
 
     def _object_path(self, object_id: str) -> Path:
         if self._root is None:
@@ -265,12 +265,12 @@ def _ids(folder: Path, suffix: str) -> set[str]:
     }
 
 
-def _checked(objects: Sequence[str] | None, found: set[str], where: str) -> list[str]:
+def _checked(objects: Sequence[str] | None, ids: set[str], where: str) -> list[str]:
     if objects is None:
-        return sorted(found)
+        return sorted(ids)
     for object_id in objects:
-        if object_id not in found:
-            near = difflib.get_close_matches(object_id, found, n=3, cutoff=0.4) or sorted(found)[:5]
+        if object_id not in ids:
+            near = difflib.get_close_matches(object_id, ids, n=3, cutoff=0.4) or sorted(ids)[:5]
             raise InputError(where, f"no object {object_id!r}", f"There are {', '.join(near)}.")
     return list(objects)
 

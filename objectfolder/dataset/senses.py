@@ -103,7 +103,7 @@ def _rendered_views(
         height, width = reader.shape("rgba")[1:3]
         size, field_of_view = (height, width), float(reader.attributes["field_of_view_deg"])
     passes = ("image", "depth", "mask") if settings.passes else ("image",)
-    seen = file.render_passes(
+    rendering = file.render_passes(
         query["camera_to_object"],
         passes,
         query["light_position_m"],
@@ -111,9 +111,9 @@ def _rendered_views(
         field_of_view_deg=field_of_view,
         sub_rays=settings.sub_rays,
     )
-    samples = {"image": _pictures(seen["image"])}
+    samples = {"image": _pictures(rendering["image"])}
     if settings.passes:
-        samples |= {"depth_m": seen["depth"], "mask": seen["mask"]}
+        samples |= {"depth_m": rendering["depth"], "mask": rendering["mask"]}
     return samples
 
 

@@ -214,7 +214,7 @@ class ObjectFile:
         True
         """
         tensors = {**surface_tensors, **vision.tensors(), **modes.tensors(), **touch.tensors()}
-        said = {
+        content = {
             **description,
             "frame": frame.to_dict(),
             "modes": {
@@ -225,7 +225,7 @@ class ObjectFile:
             "audio": modes.metadata(),
             "touch": touch.metadata(),
         }
-        return cls.of_tensors(tensors, said)
+        return cls.of_tensors(tensors, content)
 
     @classmethod
     def of_tensors(cls, tensors: Mapping[str, np.ndarray], description: Mapping[str, Any]) -> "ObjectFile":
@@ -270,9 +270,9 @@ class ObjectFile:
         """
         where = str(path)
         if Path(path).is_dir():
-            held = sorted(Path(path).glob("*.safetensors"))
+            files = sorted(Path(path).glob("*.safetensors"))
             remedy = (
-                f"Open a file in it, such as {held[0]}." if held else "Name an Object File (.safetensors)."
+                f"Open a file in it, such as {files[0]}." if files else "Name an Object File (.safetensors)."
             )
             raise FormatError(where, "a folder, not an Object File", remedy)
         content = read_tensor_file(path)
@@ -421,10 +421,10 @@ class ObjectFile:
         return notebook_card(self.sight, self.sound, self.description)
 
 
-def _equal_tensors(some: Mapping[str, np.ndarray], others: Mapping[str, np.ndarray]) -> bool:
-    return some.keys() == others.keys() and all(
-        tensor.dtype == others[name].dtype and np.array_equal(tensor, others[name])
-        for name, tensor in some.items()
+def _equal_tensors(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray]) -> bool:
+    return first.keys() == second.keys() and all(
+        tensor.dtype == second[name].dtype and np.array_equal(tensor, second[name])
+        for name, tensor in first.items()
     )
 
 

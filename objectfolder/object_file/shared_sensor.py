@@ -26,9 +26,9 @@ def shared_sensor(files: Mapping[str, ObjectFile]) -> Sensor:
     >>> shared_sensor({"bar": objectfolder.load("bar.safetensors")}).gel_thickness_m
     0.004
     """
-    (first, file), *others = files.items()
-    for name, other in others:
-        if other.touch.sensor.to_dict() != file.touch.sensor.to_dict():
+    (first, file), *rest = files.items()
+    for name, peer in rest:
+        if peer.touch.sensor.to_dict() != file.touch.sensor.to_dict():
             finding = f"{first!r} was made with another sensor than {name!r}"
             raise QueryError("sensor", finding, "Say which one presses.")
     return file.touch.sensor

@@ -148,23 +148,23 @@ def _decode(classes: Integers, states: Integers, words: Integers, frequencies: I
     if (frequencies[used].sum(axis=1) != 1 << PRECISION).any() or frequencies.max() > 1 << PRECISION:
         raise ValueError("a stream with impossible frequencies")
     symbol = np.zeros((CLASSES, 1 << PRECISION), dtype=np.uint8)
-    for one in used:
-        symbol[one] = np.repeat(np.arange(SYMBOLS), frequencies[one])
+    for row in used:
+        symbol[row] = np.repeat(np.arange(SYMBOLS), frequencies[row])
     chosen = np.arange(CLASSES)[:, None], symbol
     frequency = frequencies[chosen].astype(np.int32).ravel()
     start = (np.cumsum(frequencies, axis=1) - frequencies)[chosen]
     offset = (np.arange(1 << PRECISION) - start).astype(np.int32).ravel()
     places = classes << PRECISION
-    read = 0
+    position = 0
     for place in places:
         place += states & ((1 << PRECISION) - 1)
         states = frequency[place] * (states >> PRECISION) + offset[place]
         short = np.flatnonzero(states < LEAST_STATE)
-        if read + len(short) > len(words):
+        if position + len(short) > len(words):
             raise ValueError("a stream cut short")
-        states[short] = states[short] << 16 | words[read : read + len(short)]
-        read += len(short)
-    if read != len(words) or (states != LEAST_STATE).any():
+        states[short] = states[short] << 16 | words[position : position + len(short)]
+        position += len(short)
+    if position != len(words) or (states != LEAST_STATE).any():
         raise ValueError("a stream whose states do not end where they began")
     return symbol.ravel()[places].astype(np.int64)
 

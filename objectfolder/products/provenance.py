@@ -22,7 +22,7 @@ PACKAGES = ("objectfolder", "pipeline")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 # Wording of errors and bookkeeping of provenance decide no number of a product.
 NEUTRAL_MODULES = frozenset({"objectfolder.errors", "objectfolder.products.provenance"})
-_known: dict[str, Any] = {}
+_cache: dict[str, Any] = {}
 
 
 def canonical_json(value: Any) -> str:
@@ -71,7 +71,7 @@ def seed_from(base_seed: int, task: str, object_id: str) -> int:
     return int.from_bytes(digest[:4], "big") >> 1
 
 
-def code_identity(module: str, known: MutableMapping[str, Any] | None = None) -> dict[str, str]:
+def code_identity(module: str, cache: MutableMapping[str, Any] | None = None) -> dict[str, str]:
     """Return digests of the normalised source of `module` and of every package module it imports.
 
     Imports are followed through the source, function-level ones and modules named in a string (to be
@@ -83,7 +83,7 @@ def code_identity(module: str, known: MutableMapping[str, Any] | None = None) ->
     ----------
     module
         Dotted name of a module inside a package.
-    known
+    cache
         What earlier calls found in sources, by their content, in values that JSON holds; what is new is
         added. None keeps it for this process.
 
@@ -101,20 +101,20 @@ def code_identity(module: str, known: MutableMapping[str, Any] | None = None) ->
     source_path = functools.cache(_source_path)
     if source_path(module) is None:
         raise InputError(module, "no such module", "Name a module that Python finds.")
-    known = _known if known is None else known
-    found: dict[str, str] = {}
+    cache = _cache if cache is None else cache
+    digests: dict[str, str] = {}
     pending = [module]
     while pending:
         name = pending.pop()
         path = source_path(name)
-        if name in found or name in NEUTRAL_MODULES or path is None:
+        if name in digests or name in NEUTRAL_MODULES or path is None:
             continue
-        found[name], mentions = _normalised(name, path, known)
+        digests[name], mentions = _normalised(name, path, cache)
         for origin, member in mentions:
             if origin.split(".")[0] in roots:
                 submodule = f"{origin}.{member}"
                 pending.append(submodule if member and source_path(submodule) else origin)
-    return dict(sorted(found.items()))
+    return dict(sorted(digests.items()))
 
 
 def package_versions(names: Iterable[str]) -> dict[str, str]:
@@ -152,19 +152,19 @@ def _source_path(module: str) -> Path | None:
     return None
 
 
-def _normalised(module: str, path: Path, known: MutableMapping[str, Any]) -> tuple[str, list[list[str]]]:
+def _normalised(module: str, path: Path, cache: MutableMapping[str, Any]) -> tuple[str, list[list[str]]]:
     """Return the digest of the normalised source of `module`, and what it may import."""
     source = path.read_bytes()
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     # Versions of Python may write the same tree differently.
     about = f"{platform.python_version()} {package}\n".encode()
     key = hashlib.sha256(about + source).hexdigest()
-    if key not in known:
+    if key not in cache:
         tree = ast.parse(source, filename=str(path))
         mentions = sorted(_mentioned(tree, package))
         text = ast.unparse(_without_docstrings(tree))
-        known[key] = [hashlib.sha256(text.encode()).hexdigest()[:16], [list(mention) for mention in mentions]]
-    digest, imports = known[key]
+        cache[key] = [hashlib.sha256(text.encode()).hexdigest()[:16], [list(mention) for mention in mentions]]
+    digest, imports = cache[key]
     return digest, imports
 
 
@@ -194,7 +194,7 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
         body = getattr(node, "body", None)
         if not isinstance(body, list):
             continue
-        kept = [
+        statements = [
             statement
             for statement in body
             if not (
@@ -203,5 +203,5 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
                 and isinstance(statement.value.value, str)
             )
         ]
-        body[:] = kept or ([] if isinstance(node, ast.Module) else [ast.Pass()])
+        body[:] = statements or ([] if isinstance(node, ast.Module) else [ast.Pass()])
     return tree

@@ -124,9 +124,9 @@ def check_fidelity(fidelity: Any) -> None:
     """
     if fidelity is None:
         return
-    for sense, named in FIGURES.items():
+    for sense, names in FIGURES.items():
         figures = _fields(f"fidelity.{sense}", _fields("fidelity", fidelity).get(sense))
-        needed = () if sense == "audio" and not figures.get("audible") else named
+        needed = () if sense == "audio" and not figures.get("audible") else names
         for name in needed:
             value = figures.get(name)
             # Not a number where nothing could be compared, as of an object thinner than every pixel.

@@ -16,10 +16,10 @@ def unpack_lzma(data: bytes, filters: Sequence[Mapping[str, Any]], size: int) ->
     """
     unpacker = lzma.LZMADecompressor(lzma.FORMAT_RAW, filters=filters)
     try:
-        found = unpacker.decompress(data, max_length=size + 1)
+        content = unpacker.decompress(data, max_length=size + 1)
     except lzma.LZMAError as error:
         raise ValueError(str(error)) from error
-    return _checked(found, size, unpacker.eof and not unpacker.unused_data)
+    return _checked(content, size, unpacker.eof and not unpacker.unused_data)
 
 
 def unpack_deflate(data: bytes, size: int) -> bytes:
@@ -32,15 +32,15 @@ def unpack_deflate(data: bytes, size: int) -> bytes:
     """
     unpacker = zlib.decompressobj()
     try:
-        found = unpacker.decompress(data, size + 1)
+        content = unpacker.decompress(data, size + 1)
     except zlib.error as error:
         raise ValueError(str(error)) from error
-    return _checked(found, size, unpacker.eof and not unpacker.unused_data)
+    return _checked(content, size, unpacker.eof and not unpacker.unused_data)
 
 
-def _checked(found: bytes, size: int, ended: bool) -> bytes:
-    if len(found) > size:
+def _checked(content: bytes, size: int, ended: bool) -> bytes:
+    if len(content) > size:
         raise ValueError(f"a stream of more than the {size} bytes expected")
-    if len(found) < size or not ended:
-        raise ValueError(f"a stream of {len(found)} bytes, or cut short, where {size} were expected")
-    return found
+    if len(content) < size or not ended:
+        raise ValueError(f"a stream of {len(content)} bytes, or cut short, where {size} were expected")
+    return content
