@@ -34,7 +34,7 @@ class Culling:
         if self._blocks % BLOCKS_BETWEEN == 0:
             amplitudes = [stream.loudness()[1] for stream in self._streams]
             heard = self._audibility.heard(np.concatenate(amplitudes))
-            borders = np.cumsum([len(one) for one in amplitudes])[:-1]
+            borders = np.cumsum([len(amplitude) for amplitude in amplitudes])[:-1]
             for stream, some in zip(self._streams, np.split(heard, borders), strict=True):
                 stream.keep(some)
             self.ringing += int(np.count_nonzero(np.concatenate(amplitudes)))

@@ -147,8 +147,8 @@ def standing(
     """
     with needs_extra("mujoco"):
         import mujoco
-    (low, _), known = file.surface.bounds, file.description["body"]
-    (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
+    (low, _), body = file.surface.bounds, file.description["body"]
+    (a, d, e), (_, b, f), (_, _, c) = body["inertia_kg_m2"]
     whole = file.surface.vertices
     parts = [hull.vertices for hull in hulls] or [whole[ConvexHull(whole).vertices]]
     meshes = "".join(f'<mesh name="{i}" vertex="{_told(part.ravel())}"/>' for i, part in enumerate(parts))
@@ -158,7 +158,7 @@ def standing(
         f'<mujoco><option timestep="{timestep_s}" cone="elliptic" impratio="10"/>'
         f"<asset>{meshes}</asset><worldbody>"
         f'<geom type="plane" size="1 1 .1"/>{bodies}<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
-        f'<inertial pos="{_told(known["centre_of_mass_m"])}" mass="{known["mass_kg"]}"'
+        f'<inertial pos="{_told(body["centre_of_mass_m"])}" mass="{body["mass_kg"]}"'
         f' fullinertia="{_told([a, b, c, d, e, f])}"/>{shapes}</body></worldbody>'
         f"<contact>{passing}</contact><actuator>{motors}</actuator></mujoco>"
     )

@@ -88,7 +88,7 @@ class Handling(MujocoSimulation):
     def under(self, origin: Floats, direction: Floats) -> Found | None:
         """Return what a ray from (3,) along (3,) meets first, by the surfaces of the Object Files."""
         origin, direction = real_array("origin", origin), real_array("direction", direction)
-        found, nearest = None, np.inf
+        hit, nearest = None, np.inf
         for name, file in self._files.items():
             pose = finite_pose(self, name)
             turn = pose[:3, :3]
@@ -97,8 +97,8 @@ class Handling(MujocoSimulation):
                 nearest = float(hits.distance[0])
                 normal = turn @ file.surface.normals_at(hits.face, hits.barycentric)[0]
                 local = file.surface.points_at(hits.face, hits.barycentric)[0]
-                found = Found(name, local, -normal if normal @ direction > 0 else normal)
-        return found
+                hit = Found(name, local, -normal if normal @ direction > 0 else normal)
+        return hit
 
     def where(self, body: str, local_m: Floats) -> Floats:
         """Return where (3,) in the world a point of a body is."""
@@ -134,8 +134,8 @@ class Handling(MujocoSimulation):
             raise QueryError("across", "not level", "Give a direction in the plane of the table.")
         y = y / np.linalg.norm(y)
         frame = np.column_stack([np.cross(y, [0.0, 0.0, 1.0]), y, [0.0, 0.0, 1.0]])
-        seen = (self._files[body].surface.vertices @ pose[:3, :3].T + pose[:3, 3]) @ frame
-        low, high = seen.min(axis=0), seen.max(axis=0)
+        corners = (self._files[body].surface.vertices @ pose[:3, :3].T + pose[:3, 3]) @ frame
+        low, high = corners.min(axis=0), corners.max(axis=0)
         closed = STARTS_M - (high[1] - low[1]) / 2 - OPENING_M - self.sensor.gel_apex_m[0]
         if closed < 0:
             raise QueryError(body, f"{high[1] - low[1]:.3g} m wide, wider than the hand", "Turn it.")

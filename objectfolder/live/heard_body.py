@@ -48,7 +48,7 @@ class Matter:
 
     def against(self, other: "Matter", mass_kg: float) -> HertzContact:
         """Return the contact of two bodies, of which the sharper one counts."""
-        compliance = sum((1 - one.poisson_ratio**2) / one.youngs_modulus_pa for one in (self, other))
+        compliance = sum((1 - matter.poisson_ratio**2) / matter.youngs_modulus_pa for matter in (self, other))
         return HertzContact(1 / compliance, 1 / max(self.curvature_per_m, other.curvature_per_m), mass_kg)
 
 
@@ -104,8 +104,8 @@ class HeardBody:
         corners, centres, largest_m = self._faces
         reach = centres.query(local)[0] + largest_m
         faces = np.array(sorted(centres.query_ball_point(local, reach)))
-        here = np.broadcast_to(local, (len(faces), 3))
-        barycentric = closest_barycentric(corners[faces], here)
+        places = np.broadcast_to(local, (len(faces), 3))
+        barycentric = closest_barycentric(corners[faces], places)
         points = self.file.surface.points_at(faces, barycentric)
         distance = np.linalg.norm(points - local, axis=1)
         best = np.argmin(distance, keepdims=True)
@@ -117,7 +117,7 @@ class HeardBody:
         if place not in self._motions:
             # A product for one point costs as much as for a few, and a contact goes on to its neighbours.
             near = np.atleast_1d(self._tree.query(self._tree.data[place], CONTACTS_AT_ONCE)[1])
-            new = [int(one) for one in near if one not in self._motions]
+            new = [int(index) for index in near if index not in self._motions]
             self._motions.update(zip(new, self.stream.motions(self._tree.data[new]), strict=True))
         return self._motions[place]
 
@@ -146,9 +146,9 @@ def _require_same_body(body: str, mass_kg: float, file: ObjectFile) -> None:
     if not (file.description.get("body") and file.description.get("material")):
         finding = f"the file of {body!r} does not say the object's mass and material"
         raise QueryError("files", finding, "Build the file again.")
-    known = [file.description["object"].get("mass_kg")]
-    known += [file.description["body"].get(name) for name in ("mass_kg", "filled_mass_kg")]
-    stated = [float(value) for value in known if value]
+    masses = [file.description["object"].get("mass_kg")]
+    masses += [file.description["body"].get(name) for name in ("mass_kg", "filled_mass_kg")]
+    stated = [float(value) for value in masses if value]
     if not any(abs(mass_kg / value - 1) <= MASS_TOLERANCE for value in stated):
         finding = f"{body!r} weighs {mass_kg:.4g} kg in the simulation, {stated[0]:.4g} kg in its Object File"
         raise QueryError("files", finding, "Give the file of that object, at the scale of the simulation.")

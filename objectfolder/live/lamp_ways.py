@@ -42,11 +42,11 @@ class WaysToLamp:
 class LitPoints:
     """Points of pixels that lamps may light: which pixels (h, w) have one, and the ways to each lamp."""
 
-    known: NDArray[np.bool_]
+    present: NDArray[np.bool_]
     ways: tuple[WaysToLamp, ...]
 
     @classmethod
     def of(cls, points: Floats, lamps: Floats) -> "LitPoints":
         """Return points (h, w, 3), NaN for none, under lamps (k, 3)."""
-        known = np.isfinite(points[..., 0])
-        return cls(known, tuple(WaysToLamp.of(points[known], lamp) for lamp in lamps))
+        present = np.isfinite(points[..., 0])
+        return cls(present, tuple(WaysToLamp.of(points[present], lamp) for lamp in lamps))

@@ -116,24 +116,24 @@ class LastingContacts:
         poses
             (4, 4) of all bodies that touch.
         """
-        moved = self._moved_m({one.bodies for one in touching}, poses)
+        moved = self._moved_m({touch.bodies for touch in touching}, poses)
         until_s = time_s + self._interval_s
         resting = self._resting(moved)
         for contact in self.contacts:
             contact.touched = contact.bodies in resting
             if contact.touched:
                 contact.add(until_s, contact.forces_n[-1], contact.paths_m[-1])
-        for one in touching:
-            if one.bodies in resting:
+        for touch in touching:
+            if touch.bodies in resting:
                 continue
-            frames = [poses[body] for body in one.bodies]
-            points = np.stack([(one.point_m - frame[:3, 3]) @ frame[:3, :3] for frame in frames])
-            normals = np.stack([one.normal @ frame[:3, :3] for frame in frames])
-            contact = self._nearest(one.bodies, points) or self._begin(one.bodies, points, time_s)
-            held = moved[one.bodies] <= self._held_m_s(one.bodies) * self._interval_s
-            contact.run(points, normals, self._interval_s, 0.0 if held else FASTEST * moved[one.bodies])
+            frames = [poses[body] for body in touch.bodies]
+            points = np.stack([(touch.point_m - frame[:3, 3]) @ frame[:3, :3] for frame in frames])
+            normals = np.stack([touch.normal @ frame[:3, :3] for frame in frames])
+            contact = self._nearest(touch.bodies, points) or self._begin(touch.bodies, points, time_s)
+            sticks = moved[touch.bodies] <= self._held_m_s(touch.bodies) * self._interval_s
+            contact.run(points, normals, self._interval_s, 0.0 if sticks else FASTEST * moved[touch.bodies])
             steps = np.sqrt((contact.way_m_s**2).sum(axis=1)) * self._interval_s
-            contact.add(until_s, one.force_n, contact.paths_m[-1] + steps)
+            contact.add(until_s, touch.force_n, contact.paths_m[-1] + steps)
         for contact in self.contacts:
             if not contact.touched and contact.forces_n[-1] > 0:
                 contact.add(until_s, 0.0, contact.paths_m[-1])
@@ -157,7 +157,9 @@ class LastingContacts:
         """Drop what lies before a time."""
         for contact in self.contacts:
             contact.forget(time_s)
-        self.contacts = [one for one in self.contacts if one.touched or one.times_s[-1] > time_s]
+        self.contacts = [
+            contact for contact in self.contacts if contact.touched or contact.times_s[-1] > time_s
+        ]
 
     def _begin(self, bodies: tuple[str, str], points: Floats, time_s: float) -> LastingContact:
         contact = LastingContact(bodies, points, time_s)

@@ -59,7 +59,7 @@ class MujocoSimulation:
             The simulation has become unstable.
         """
         self._engine.mj_step(self._model, self._data)
-        if any(one.number for one in self._bad):
+        if any(warning.number for warning in self._bad):
             raise QueryError("simulation", "poses or speeds that are not finite", "Take a smaller time step.")
 
     def strike(self, body: str, point_m: Floats, impulse_n_s: Floats) -> None:
@@ -94,7 +94,7 @@ class MujocoSimulation:
 
     def touching(self) -> list[Touching]:
         """Return the contacts that had a force in the last step."""
-        contacts, force, found = self._data.contact, np.zeros(6), []
+        contacts, force, touches = self._data.contact, np.zeros(6), []
         which = np.flatnonzero(contacts.efc_address >= 0)
         owners, points = self._model.geom_bodyid[contacts.geom[which]], contacts.pos[which]
         velocities, normals = self._velocities(owners, points), contacts.frame[which, :3]
@@ -104,10 +104,10 @@ class MujocoSimulation:
             pressed_n = max(0.0, float(force[0]))
             along = force[1] * contacts.frame[index, 3:6] + force[2] * contacts.frame[index, 6:]
             depth_m = max(0.0, -float(contacts.dist[index]))
-            found.append(
+            touches.append(
                 Touching(names, points[row], normals[row], pressed_n, velocities[row], along, depth_m)
             )
-        return found
+        return touches
 
     def mass_at_kg(self, touching: Touching) -> float:
         """Return the mass that two bodies offer to each other at a contact, joints included."""
@@ -125,11 +125,11 @@ class MujocoSimulation:
 
     def _velocities(self, owners: NDArray[np.int32], points: Floats) -> Floats:
         """Return the velocities (n, 2, 3) of pairs of bodies (n, 2) at points (n, 3), before the step."""
-        known = self._data.cvel[owners]  # turning and moving at the centre of a tree of bodies
+        twists = self._data.cvel[owners]  # turning and moving at the centre of a tree of bodies
         x = points[:, None] - self._data.subtree_com[self._model.body_rootid[owners]]
-        spin = known[:, :, :3]
+        spin = twists[:, :, :3]
         turned = spin[..., [1, 2, 0]] * x[..., [2, 0, 1]] - spin[..., [2, 0, 1]] * x[..., [1, 2, 0]]
-        return np.asarray(known[:, :, 3:] + turned)
+        return np.asarray(twists[:, :, 3:] + turned)
 
     def _jacobian(self, body: int, point: Floats) -> Floats:
         """Return (3, speeds): the velocity of a point of a body for each of the model's speeds."""

@@ -47,13 +47,13 @@ class PybulletSimulation:
         with needs_extra("pybullet"):
             import pybullet
         self._engine, self._client, self._steps = pybullet, client, 0
-        known = [pybullet.getBodyUniqueId(n, client) for n in range(pybullet.getNumBodies(client))]
+        numbers = [pybullet.getBodyUniqueId(n, client) for n in range(pybullet.getNumBodies(client))]
         for name, number in bodies.items():
-            if number not in known:
+            if number not in numbers:
                 raise QueryError(
                     "bodies", f"{name!r} is no body of the world", "Give what `loadURDF` returned."
                 )
-        names = {number: str(number) for number in known} | {n: name for name, n in bodies.items()}
+        names = {number: str(number) for number in numbers} | {n: name for name, n in bodies.items()}
         self._links = {name: (number, BASE) for number, name in names.items()}
         for number, name in names.items():
             joints = range(pybullet.getNumJoints(number, client))
@@ -97,7 +97,7 @@ class PybulletSimulation:
 
     def touching(self) -> list[Touching]:
         """Return the contacts that had a force in the last step."""
-        found = []
+        touches = []
         for contact in self._engine.getContactPoints(physicsClientId=self._client):
             links, force_n = ((contact[1], contact[3]), (contact[2], contact[4])), float(contact[9])
             if force_n > 0:
@@ -109,8 +109,8 @@ class PybulletSimulation:
                 # As told, of the first body.
                 along = -contact[10] * np.array(contact[11]) - contact[12] * np.array(contact[13])
                 depth_m = max(0.0, -contact[8])
-                found.append(Touching(names, point, normal, force_n, np.stack(at_point), along, depth_m))
-        return found
+                touches.append(Touching(names, point, normal, force_n, np.stack(at_point), along, depth_m))
+        return touches
 
     def mass_at_kg(self, touching: Touching) -> float:
         """Return the mass that two bodies offer to each other at a contact along its normal."""

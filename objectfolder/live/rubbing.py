@@ -94,14 +94,14 @@ class Rubbing:
         ]
         way = max(ways, key=np.linalg.norm)
         direction = way / max(float(np.linalg.norm(way)), 1e-300)
-        share, found = np.linspace(0, 1, len(pushes)), {}
+        share, by_body = np.linspace(0, 1, len(pushes)), {}
         for name, sign in zip(self.contact.bodies, (-1.0, 1.0), strict=True):
             if name in self._bodies:
                 now = self.motion(name), sign * direction @ rotations[name]
                 before = self._driven.get(name, now)
-                found[name] = [(*before, (1 - share) * pushes), (*now, share * pushes)]
+                by_body[name] = [(*before, (1 - share) * pushes), (*now, share * pushes)]
                 self._driven[name] = now
-        return found
+        return by_body
 
     def damps(self, time_s: float) -> bool:
         """Whether the contact has lasted long enough to damp: engines draw collisions out."""
@@ -113,16 +113,16 @@ class Rubbing:
         To first order, as `Support`: half the sum of resistance times mode shape squared.
         """
         side = self.contact.bodies.index(name)
-        at, known = self.contact.points_m[side], self._damped.get(name)
-        if known is None or np.abs(at - known[0]).max() > STEADY_M:
+        at, record = self.contact.points_m[side], self._damped.get(name)
+        if record is None or np.abs(at - record[0]).max() > STEADY_M:
             shapes = self.motion(name).shapes
             along_normal = along(self.contact.normals[side][None], shapes)[0] ** 2
-            known = self._damped[name] = at, along_normal, (shapes[0] ** 2).sum(axis=0) - along_normal
+            record = self._damped[name] = at, along_normal, (shapes[0] ** 2).sum(axis=0) - along_normal
         # Of Hertz's force k d^(3/2), by the approach d.
         stiffness = 1.5 * self._hertz.stiffness ** (2 / 3) * self.contact.forces_n[-1] ** (1 / 3)
         angular = np.sqrt(self._bodies[name].file.modes.eigenvalues)
         normal, across = rest.resistance_n_s_m(angular, stiffness)
-        return (normal * known[1] + across * known[2]) / 2
+        return (normal * record[1] + across * record[2]) / 2
 
     def motion(self, name: str) -> Motion:
         """Return how a body's modes move at the contact."""

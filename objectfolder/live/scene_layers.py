@@ -139,7 +139,7 @@ class Tabletop:
             covered *= np.clip(0.5 + inside[..., axis] / np.maximum(footprint, 1e-12), 0.0, 1.0)
         covered = np.where(np.isfinite(depth), covered, 0.0)
         depth = np.where(covered > 0, depth, np.inf)
-        seen = np.where(np.isfinite(depth)[..., None], point, np.nan)
+        places = np.where(np.isfinite(depth)[..., None], point, np.nan)
         away = lamps_m[:, None, None] - point
         squared = np.maximum((away**2).sum(axis=-1), 1e-12)
         falls = np.maximum(away[..., 2], 0.0) / squared**1.5 * LIGHT_POWER_W / (4 * np.pi**2)
@@ -147,9 +147,9 @@ class Tabletop:
         rows, columns = (np.unique(np.linspace(0, n - 1, sparse).round().astype(int)) for n in view.size)
         albedo = np.array(TABLE_ALBEDO)
         if wooden:
-            albedo = wood_albedo(seen[..., :2], np.maximum(*footprints))
+            albedo = wood_albedo(places[..., :2], np.maximum(*footprints))
         return cls(
-            LitPoints.of(seen, lamps_m),
+            LitPoints.of(places, lamps_m),
             depth,
             sorting_depth(depth),
             covered,
@@ -223,9 +223,9 @@ def composited(layers: list[Layer], size: tuple[int, int], objects: int) -> tupl
     for layer in layers[:objects]:
         which |= layer.rgba[..., 3] > 0
     order = np.stack([layer.order_m[which] for layer in layers]).argsort(axis=0, kind="stable")
-    found = np.take_along_axis(np.stack([layer.rgba[which] for layer in layers]), order[..., None], 0)
-    total = np.zeros(found.shape[1:])
-    for layer in found:
+    colours = np.take_along_axis(np.stack([layer.rgba[which] for layer in layers]), order[..., None], 0)
+    total = np.zeros(colours.shape[1:])
+    for layer in colours:
         total += (1 - total[:, 3:]) * layer
     rgba[which] = total
     return rgba, np.stack([layer.depth_m for layer in layers])

@@ -58,26 +58,26 @@ class SceneLight:
         QueryError
             Lamps or colours of other shapes, another environment than `ObjectFile.render` knows.
         """
-        given, environment = _parts(lights)
-        lamps = real_array("lights", given.positions_m)
-        colours = np.ones(lamps.shape) if given.colours is None else real_array("lights", given.colours)
+        source, environment = _parts(lights)
+        lamps = real_array("lights", source.positions_m)
+        colours = np.ones(lamps.shape) if source.colours is None else real_array("lights", source.colours)
         if lamps.ndim != 2 or lamps.shape[1:] != (3,) or colours.shape != lamps.shape:
             finding = f"lamps of shape {lamps.shape} with colours of {colours.shape}"
             raise QueryError("lights", finding, "Give a place (3,) and a colour (3,) of each.")
         if environment is None:
             return cls(lamps, colours)
-        known = environment if isinstance(environment, Environment) else Environment.of(environment)
-        rows = int(known.heights[0])
-        radiance = known.texels[: 2 * rows**2].reshape(rows, 2 * rows, 3).astype(np.float64)
+        sky = environment if isinstance(environment, Environment) else Environment.of(environment)
+        rows = int(sky.heights[0])
+        radiance = sky.texels[: 2 * rows**2].reshape(rows, 2 * rows, 3).astype(np.float64)
         if isinstance(environment, str):
             radiance = named_map(environment)
         edges = np.maximum(np.cos(np.pi * np.arange(rows + 1) / rows), 0.0)
         arriving = (edges[:-1] ** 2 - edges[1:] ** 2) / (2 * rows)  # cosine times solid angle, over pi
         above = np.tensordot(arriving, radiance.sum(axis=1), 1)
-        up = known.directions[:, 2] > 0
-        shares = known.powers[up] * known.directions[up, 2:]
+        up = sky.directions[:, 2] > 0
+        shares = sky.powers[up] * sky.directions[up, 2:]
         shares *= above / np.maximum(shares.sum(axis=0), 1e-300)
-        return cls(lamps, colours, radiance, above, known.directions[up], shares)
+        return cls(lamps, colours, radiance, above, sky.directions[up], shares)
 
     def seen_by(self, pose: Floats, unit_m: float, around: Environment | None) -> "BodyLight":
         """Return the light in a body's frame, whose lamps are as strong at `unit_m` as these at a metre.
@@ -146,5 +146,5 @@ def _turned(radiance: Floats, turn: Floats) -> Floats:
     rows = len(radiance)
     directions = (pixel_directions(rows)[0] @ turn.T).reshape(-1, 3)
     finest = np.zeros(len(directions))
-    seen = looked_up(radiance.reshape(-1, 3), np.array([rows]), directions, finest)
-    return np.asarray(seen.reshape(radiance.shape))
+    texels = looked_up(radiance.reshape(-1, 3), np.array([rows]), directions, finest)
+    return np.asarray(texels.reshape(radiance.shape))

@@ -41,9 +41,9 @@ class View:
 
     def points(self, depth_m: Floats) -> Floats:
         """Return (h, w, 3) what is seen at the centres of pixels, NaN where nothing is."""
-        points, known = np.full((*self.size, 3), np.nan), np.isfinite(depth_m)
-        along = depth_m[known] / self.facing[known]
-        points[known] = self.camera[:3, 3] + along[:, None] * self.rays[known]
+        points, present = np.full((*self.size, 3), np.nan), np.isfinite(depth_m)
+        along = depth_m[present] / self.facing[present]
+        points[present] = self.camera[:3, 3] + along[:, None] * self.rays[present]
         return points
 
     def on_plane(self, height_m: float) -> tuple[Floats, Floats]:

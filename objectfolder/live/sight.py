@@ -176,14 +176,14 @@ class LiveSight:
         return self._views[key]
 
     def _shaded(self, name: str, drawn: Mapping[str, DrawnObject]) -> Layer:
-        one = drawn[name]
-        rgba = one.layer.rgba
+        item = drawn[name]
+        rgba = item.layer.rgba
         # Light adds up: what a lamp gives is taken away where it is hidden.
-        for lamp, dark in enumerate(self._hidden(one.lit, drawn, name)):
+        for lamp, dark in enumerate(self._hidden(item.lit, drawn, name)):
             if dark.any():
-                rgba = rgba.copy() if rgba is one.layer.rgba else rgba
-                rgba[(*one.part, np.s_[:3])] -= one.alone(lamp)[..., :3] * dark[one.part][..., None]
-        return replace(one.layer, rgba=np.maximum(rgba, 0.0))
+                rgba = rgba.copy() if rgba is item.layer.rgba else rgba
+                rgba[(*item.part, np.s_[:3])] -= item.alone(lamp)[..., :3] * dark[item.part][..., None]
+        return replace(item.layer, rgba=np.maximum(rgba, 0.0))
 
     def _drawn(self, name: str, pose: Floats, view: View, sub_rays: int | None) -> DrawnObject:
         """Return an object without shadows of others: as it was drawn last, where it has not moved since.
@@ -215,28 +215,28 @@ class LiveSight:
         return before[1]
 
     def _hidden(
-        self, seen: LitPoints, drawn: Mapping[str, DrawnObject], but: str | None = None
+        self, points: LitPoints, drawn: Mapping[str, DrawnObject], but: str | None = None
     ) -> NDArray[np.bool_]:
         """Return whether (k, h, w) points are hidden from lamps by other objects, as these were drawn."""
-        hidden = np.zeros((len(self._light.lamps_m), *seen.known.shape), dtype=bool)
-        for name, one in drawn.items() if self._shadows and seen.known.any() else ():
+        hidden = np.zeros((len(self._light.lamps_m), *points.present.shape), dtype=bool)
+        for name, item in drawn.items() if self._shadows and points.present.any() else ():
             if name == but:
                 continue
-            key = but, name, one.view.size
+            key = but, name, item.view.size
             before = self._thrown.get(key)
-            if before is None or before[0] is not seen or before[1] is not one:
-                before = self._thrown[key] = seen, one, self._thrown_by(name, one.pose, seen)
-            hidden[:, seen.known] |= before[2]
+            if before is None or before[0] is not points or before[1] is not item:
+                before = self._thrown[key] = points, item, self._thrown_by(name, item.pose, points)
+            hidden[:, points.present] |= before[2]
         return hidden
 
     def _hidden_around(self, table: Tabletop, drawn: Mapping[str, DrawnObject]) -> NDArray[np.bool_]:
         """Return which (m, n) directions of the environment objects hide from sparse points of the table."""
         hidden = np.zeros((len(self._light.towards), len(table.sparse)), dtype=bool)
-        for name, one in drawn.items() if self._shadows and hidden.size else ():
-            key = name, one.view.size
+        for name, item in drawn.items() if self._shadows and hidden.size else ():
+            key = name, item.view.size
             before = self._around.get(key)
-            if before is None or before[0] is not table or before[1] is not one:
-                before = self._around[key] = table, one, self._hidden_by(name, one.pose, table.sparse)
+            if before is None or before[0] is not table or before[1] is not item:
+                before = self._around[key] = table, item, self._hidden_by(name, item.pose, table.sparse)
             hidden |= before[2]
         return hidden
 
@@ -254,17 +254,17 @@ class LiveSight:
         hidden[direction, point] = self._drawable[name].surface.occluded(moved_by(back, starts), ends)
         return hidden
 
-    def _thrown_by(self, name: str, pose: Floats, seen: LitPoints) -> NDArray[np.bool_]:
+    def _thrown_by(self, name: str, pose: Floats, points: LitPoints) -> NDArray[np.bool_]:
         """Return which (k, n) points an object hides from each lamp."""
         centre, radius = moved_by(pose, self._balls[name][0]), self._balls[name][1]
         back, lamps = inverse_pose(pose), self._light.lamps_m
-        found = np.zeros((len(lamps), int(seen.known.sum())), dtype=bool)
-        for dark, lamp, ways in zip(found, lamps, seen.ways, strict=True):
+        shadows = np.zeros((len(lamps), int(points.present.sum())), dtype=bool)
+        for dark, lamp, ways in zip(shadows, lamps, points.ways, strict=True):
             near = np.flatnonzero(ways.within(centre, radius))
             starts = moved_by(back, ways.points[near] + OFF * ways.way[near])
             ends = np.broadcast_to(moved_by(back, lamp), (len(near), 3))
             dark[near] = self._drawable[name].surface.occluded(starts, ends)
-        return found
+        return shadows
 
 
 def _ball(file: ObjectFile | MattBody) -> tuple[Floats, float]:

@@ -32,8 +32,8 @@ def open_simulation(simulator: str, scene: Path, poses: Mapping[str, NDArray[np.
     """
     plugin = find_plugin(SIMULATORS, simulator, OWN)
     if plugin is None:
-        known = ", ".join([*OWN, *plugin_names(SIMULATORS)])
-        raise InputError("simulator", f"{simulator!r} is not known", f"Known: {known}.")
+        names = ", ".join([*OWN, *plugin_names(SIMULATORS)])
+        raise InputError("simulator", f"{simulator!r} is not known", f"Known: {names}.")
     simulation: Simulation = plugin.part(scene, poses)
     members = [name for name in dir(Simulation) if not name.startswith("_")]
     if absent := [name for name in members if not hasattr(simulation, name)]:

@@ -200,31 +200,31 @@ class LiveSound:
     def _hear(self, time_s: float) -> None:
         """Take on the contacts of a step."""
         touching = [
-            one for one in self._simulation.touching() if not self._bodies.keys().isdisjoint(one.bodies)
+            touch for touch in self._simulation.touching() if not self._bodies.keys().isdisjoint(touch.bodies)
         ]
         self._collide(time_s, touching)
         self._steps += 1
         if self._steps % self._between == 0:
-            names = {name for one in touching for name in one.bodies}
+            names = {name for touch in touching for name in touch.bodies}
             self._poses |= {name: finite_pose(self._simulation, name) for name in names}
             self._lasting.look(time_s, touching, self._poses)
 
     def _collide(self, time_s: float, touching: list[Touching]) -> None:
         """Strike bodies that have begun to close at a point; soft contacts slow them over several steps."""
         fastest: dict[frozenset[str], Touching] = {}
-        for one in touching:
-            pair = frozenset(one.bodies)
-            if one.approach_m_s > (fastest[pair].approach_m_s if pair in fastest else self._least_m_s):
-                fastest[pair] = one
-        for pair, one in fastest.items():
+        for touch in touching:
+            pair = frozenset(touch.bodies)
+            if touch.approach_m_s > (fastest[pair].approach_m_s if pair in fastest else self._least_m_s):
+                fastest[pair] = touch
+        for pair, touch in fastest.items():
             if pair not in self._closing:
-                self._strike(time_s, one)
+                self._strike(time_s, touch)
         self._closing = set(fastest)
 
-    def _strike(self, time_s: float, one: Touching) -> None:
-        first, second = (self._matter(name) for name in one.bodies)
-        contact = first.against(second, self._simulation.mass_at_kg(one))
-        self._sound(time_s, one.bodies, one.point_m, one.normal, contact, one.approach_m_s)
+    def _strike(self, time_s: float, touch: Touching) -> None:
+        first, second = (self._matter(name) for name in touch.bodies)
+        contact = first.against(second, self._simulation.mass_at_kg(touch))
+        self._sound(time_s, touch.bodies, touch.point_m, touch.normal, contact, touch.approach_m_s)
 
     def _sound(
         self, time_s: float, bodies: tuple[str, str], point_m: Floats, normal: Floats, contact: HertzContact,
@@ -254,7 +254,7 @@ class LiveSound:
         """Let contacts that last drive and damp the bodies for a block, which begins at a sample."""
         times_s = self._start_s + np.arange(begin, self._now + 1) / self._rate
         contacts = self._lasting.contacts
-        self._rubbing = {one: self._rubbing.get(one) or self._rubbed(one) for one in contacts}
+        self._rubbing = {contact: self._rubbing.get(contact) or self._rubbed(contact) for contact in contacts}
         rotations = {name: pose[:3, :3] for name, pose in self._poses.items()}
         added = {name: np.zeros(len(body.file.modes.eigenvalues)) for name, body in self._bodies.items()}
         pushes: dict[str, Pushes] = {name: [] for name in self._bodies}

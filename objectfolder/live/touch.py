@@ -138,8 +138,8 @@ class Felt:
         sensor, normal_n = self.sensor, self.normal_n
         shape = _cells(sensor)
         pitch = sensor.gel_height_m / shape[0], sensor.gel_width_m / shape[1]
-        seen = gap_field(self._patches, sensor, self.sensor_to_object, shape)
-        gap = np.zeros(shape) if normal_n == 0 else seen  # where nothing presses there may be no object
+        field = gap_field(self._patches, sensor, self.sensor_to_object, shape)
+        gap = np.zeros(shape) if normal_n == 0 else field  # where nothing presses there may be no object
         if gap.min() > APART_M:
             finding = f"bears {normal_n:.3g} N of an object that is not at its gel"
             raise QueryError(self.name, finding, "Let collision shapes follow the object's surface.")
@@ -269,19 +269,20 @@ class LiveTouch:
         """
         touching = self._simulation.touching()
         return {
-            name: self._felt(name, finger, [one for one in touching if name in one.bodies])
+            name: self._felt(name, finger, [contact for contact in touching if name in contact.bodies])
             for name, finger in self._fingers.items()
         }
 
     def _felt(self, name: str, finger: Finger, touching: Sequence[Touching]) -> Felt:
         frame, sensor = finite_pose(self._simulation, name) @ finger.sensor_to_body, self.sensors[name]
-        met = {body: [one for one in touching if body in one.bodies] for body in self._patches}
+        met = {body: [contact for contact in touching if body in contact.bodies] for body in self._patches}
         forces = {body: _force_n(name, met[body]) for body in met}
-        found = []
+        candidates = []
         for body in sorted(self._patches, key=lambda body: forces[body] @ frame[:3, 0]):
             at_gel_m = [contact.depth_m for contact in met[body] if _at_gel(sensor, frame, contact.point_m)]
-            found.append((body, *self._met(body, name, frame, max(at_gel_m, default=0.0))))
-        body, pose, near, advanced_m = max(found, key=lambda one: one[2].greatest)  # the first of equals
+            candidates.append((body, *self._met(body, name, frame, max(at_gel_m, default=0.0))))
+        # The first of equals.
+        body, pose, near, advanced_m = max(candidates, key=lambda item: item[2].greatest)
         if near.greatest > saturation_depth_m(sensor) + TOLERANCE_M:
             finding = f"{body!r} lies {near.greatest * 1e3:.3g} mm in its gel, deeper than that gives way"
             raise QueryError(name, finding, "Make its contact stiffer, or press less.")
@@ -336,17 +337,19 @@ def _at_gel(sensor: Sensor, frame: Floats, point_m: Floats) -> bool:
 def _force_n(name: str, touching: Sequence[Touching]) -> Floats:
     """Return the force (3,) of contacts on one of their bodies, in the world."""
     force = np.zeros(3)
-    for one in touching:
-        force += (1.0 if one.bodies[1] == name else -1.0) * (one.force_n * one.normal + one.friction_n)
+    for contact in touching:
+        force += (1.0 if contact.bodies[1] == name else -1.0) * (
+            contact.force_n * contact.normal + contact.friction_n
+        )
     return force
 
 
 def _torque_nm(name: str, frame: Floats, touching: Sequence[Touching]) -> float | None:
     """Return the torque that `Felt.torque_nm` is, of a sensor at a frame (4, 4) of the world."""
-    forces = np.array([_force_n(name, [one]) for one in touching]).reshape(-1, 3) @ frame[:3, :3]
+    forces = np.array([_force_n(name, [contact]) for contact in touching]).reshape(-1, 3) @ frame[:3, :3]
     bearing = np.maximum(-forces[:, 0], 0.0)
     if np.count_nonzero(bearing) < 2:
         return None
-    points = (np.array([one.point_m for one in touching]) - frame[:3, 3]) @ frame[:3, 1:3]
+    points = (np.array([contact.point_m for contact in touching]) - frame[:3, 3]) @ frame[:3, 1:3]
     y, z = (points - bearing @ points / bearing.sum()).T
     return float(np.sum(y * forces[:, 2] - z * forces[:, 1]))

@@ -89,8 +89,8 @@ class Contact:
 
     def __post_init__(self) -> None:
         if not (0 <= self.friction < float("inf") and 0 <= self.restitution <= 1):
-            found = f"friction {self.friction:g}, restitution {self.restitution:g}"
-            raise InputError("contact", found, "Friction is 0 or more, restitution in 0..1.")
+            finding = f"friction {self.friction:g}, restitution {self.restitution:g}"
+            raise InputError("contact", finding, "Friction is 0 or more, restitution in 0..1.")
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,15 @@ def main(source: Path, target: Path) -> None:
     """Part the surface of one file, and write the vertices of its hulls to the other."""
     import coacd
 
-    with np.load(source) as given:
-        limit_cpu_time(int(given["time_limit_s"]))
+    with np.load(source) as arrays:
+        limit_cpu_time(int(arrays["time_limit_s"]))
         coacd.set_log_level("error")
         parts = coacd.run_coacd(
-            coacd.Mesh(given["vertices"], given["faces"]),
-            threshold=float(given["threshold_m"]),
-            max_convex_hull=int(given["most_parts"]),
+            coacd.Mesh(arrays["vertices"], arrays["faces"]),
+            threshold=float(arrays["threshold_m"]),
+            max_convex_hull=int(arrays["most_parts"]),
             real_metric=True,
-            seed=int(given["seed"]),
+            seed=int(arrays["seed"]),
             **SEARCH,
         )
     np.savez(target, *(np.asarray(vertices, dtype=np.float64) for vertices, _ in parts))

@@ -107,15 +107,15 @@ def _best_of_finer(
     """Return the hulls of the largest union with the solid, of thresholds ever finer."""
     points = _in_box(*surface.bounds)
     inside = WindingNumber(surface)(points) > 0.5
-    within_m, found = THRESHOLD * length_m, []
+    within_m, trials = THRESHOLD * length_m, []
     for _ in range(MOST_TRIALS):
         hulls = parted(within_m)
         union = _union_iou(inside, _covered(hulls, points))
-        found.append((union, hulls))
+        trials.append((union, hulls))
         if union >= GOOD_UNION or len(hulls) >= GOOD_PARTS * most_parts:
             break
         within_m *= max(len(hulls) / (AIMED_PARTS * most_parts), LEAST_STEP)
-    return max(found, key=lambda one: one[0])[1]
+    return max(trials, key=lambda trial: trial[0])[1]
 
 
 def measure_parts(surface: Surface, hulls: tuple[Surface, ...]) -> ConvexParts:
@@ -202,8 +202,10 @@ def _hulls(surface: Surface, threshold_m: float, most_parts: int, seed: int, nam
         raise missing_package("coacd", "factory")
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "surface.npz", Path(folder) / "hulls.npz"
-        given = {"threshold_m": threshold_m, "most_parts": most_parts, "seed": seed}
-        np.savez(source, vertices=surface.vertices, faces=surface.faces, time_limit_s=COACD_LIMIT_S, **given)
+        settings = {"threshold_m": threshold_m, "most_parts": most_parts, "seed": seed}
+        np.savez(
+            source, vertices=surface.vertices, faces=surface.faces, time_limit_s=COACD_LIMIT_S, **settings
+        )
         done = run_module("objectfolder.simulators.coacd_process", source, target)
         if done.returncode:
             what = f"ended with status {done.returncode}: {last_words(done.stderr)}"

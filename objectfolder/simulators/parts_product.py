@@ -57,14 +57,14 @@ def parts_of(product: Product, name: str) -> ConvexParts:
     UnsolvableError
         It has none; the reason is the product's.
     """
-    said = product.attributes
-    if said["absent"] is not None:
+    attributes = product.attributes
+    if attributes["absent"] is not None:
         remedy = "Give --most-parts 1 for its convex hull."
-        raise UnsolvableError(name, f"it has no collision parts: {said['absent']}", remedy)
+        raise UnsolvableError(name, f"it has no collision parts: {attributes['absent']}", remedy)
     vertices = np.split(product["vertices"], np.cumsum(product["corners"])[:-1])
     faces = np.split(product["faces"], np.cumsum(product["sides"])[:-1])
     hulls = tuple(Surface(*hull) for hull in zip(vertices, faces, strict=True))
-    return ConvexParts(hulls, said["union_iou"], said["outward_m"], said["inward_m"])
+    return ConvexParts(hulls, attributes["union_iou"], attributes["outward_m"], attributes["inward_m"])
 
 
 def _array(values: np.ndarray, unit: str, description: str) -> Array:

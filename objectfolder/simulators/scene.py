@@ -115,9 +115,9 @@ def _usd(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: floa
     table.AddScaleOp().Set(Gf.Vec3f(side_m, side_m, TABLE_THICKNESS_M))
     UsdPhysics.CollisionAPI.Apply(table.GetPrim())
     for place, (name, pose) in enumerate(zip(names, poses, strict=True)):
-        made = UsdGeom.Xform.Define(stage, f"/scene/object_{place}")
-        made.GetPrim().GetReferences().AddReference(f"./{name}/{FORMATS['usd'][0]}")
-        made.AddTransformOp().Set(Gf.Matrix4d(*np.asarray(pose).T.ravel().tolist()))
+        frame = UsdGeom.Xform.Define(stage, f"/scene/object_{place}")
+        frame.GetPrim().GetReferences().AddReference(f"./{name}/{FORMATS['usd'][0]}")
+        frame.AddTransformOp().Set(Gf.Matrix4d(*np.asarray(pose).T.ravel().tolist()))
     path.write_text(stage.GetRootLayer().ExportToString(), encoding="utf-8")
 
 

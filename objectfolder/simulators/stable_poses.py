@@ -62,8 +62,8 @@ def stable_poses(asset: Asset, *, least_probability: float = 0.05) -> list[Stabl
         hull, center_mass=centre, sigma=0.0, n_samples=1, threshold=0.0
     )
     order = np.argsort(-shares, kind="stable")
-    found = [StablePose(poses[at], float(shares[at])) for at in order if shares[at] >= least_probability]
-    return found or [StablePose(poses[order[0]], float(shares[order[0]]))]
+    rests = [StablePose(poses[at], float(shares[at])) for at in order if shares[at] >= least_probability]
+    return rests or [StablePose(poses[order[0]], float(shares[order[0]]))]
 
 
 def standing(asset: Asset) -> Floats | None:
@@ -186,4 +186,4 @@ def _near_middle(radius: float, circles: Sequence[Circle], rng: np.random.Genera
 
 
 def _is_free(place: Floats, radius: float, circles: Sequence[Circle]) -> bool:
-    return all(np.linalg.norm(place - other) > radius + taken + GAP_M for other, taken in circles)
+    return all(np.linalg.norm(place - centre) > radius + extent + GAP_M for centre, extent in circles)

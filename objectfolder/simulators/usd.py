@@ -83,13 +83,13 @@ def _mesh(stage: Any, place: str, positions: np.ndarray, faces: np.ndarray) -> A
     """Define a mesh of triangles, and return it."""
     from pxr import UsdGeom, Vt
 
-    made = UsdGeom.Mesh.Define(stage, place)
-    made.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(positions, dtype=np.float32)))
-    made.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
-    made.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(faces)))
-    made.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    made.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(made.GetPointsAttr().Get()))
-    return made
+    mesh = UsdGeom.Mesh.Define(stage, place)
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(positions, dtype=np.float32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).ravel()))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray([3] * len(faces)))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(mesh.GetPointsAttr().Get()))
+    return mesh
 
 
 def _looks(stage: Any, index: int, part: Part, asset: Asset) -> Any:
@@ -111,8 +111,8 @@ def _looks(stage: Any, index: int, part: Part, asset: Asset) -> Any:
         texture.CreateIdAttr("UsdUVTexture")
         texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"./{name}.png")
         texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
-        found = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-        texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(found)
+        coordinates = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+        texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
         colour = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
         shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(colour)
     return material
