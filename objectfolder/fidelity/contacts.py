@@ -90,14 +90,14 @@ def in_sight(surface: Surface, points: np.ndarray, eyes: np.ndarray) -> np.ndarr
 
 def sides_showing(surface: Surface, points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return which of `SIDES` shows each of (n, 3) points, few in all, and whether it is in sight."""
-    seen = in_sight(surface, points, SIDES)
-    well = seen & (SIDES @ normals.T > LEAST_FACING)
+    visible = in_sight(surface, points, SIDES)
+    well = visible & (SIDES @ normals.T > LEAST_FACING)
     chosen, left = np.zeros(len(points), dtype=int), well.any(axis=0)
     while left.any():
         best = int(np.argmax((well & left).sum(axis=1)))
         chosen[well[best] & left] = best
         left &= ~well[best]
-    return chosen, seen[chosen, np.arange(len(points))]
+    return chosen, visible[chosen, np.arange(len(points))]
 
 
 def contact_pictures(surface: Surface, touches: Product, held_out: np.ndarray) -> ContactPictures:
@@ -119,7 +119,7 @@ def contact_pictures(surface: Surface, touches: Product, held_out: np.ndarray) -
     sides = [Side(surface, SIDES[index]) for index in used]
     pixels = np.array([sides[index].project(each) for index, each in zip(side, places, strict=True)])
     return ContactPictures(
-        np.array([one.picture() for one in sides]).reshape(-1, PIXELS, PIXELS, 4),
+        np.array([view.picture() for view in sides]).reshape(-1, PIXELS, PIXELS, 4),
         side.astype(np.uint8),
         visible,
         pixels.reshape(-1, 6, 2).astype(np.float32),

@@ -89,10 +89,10 @@ def measure_renderers(touches: Product) -> dict[str, float | None]:
     opengl = {name: touches[name][touches["held_out"]] for name in ("rgb", "mask", "depth")}
     compiled = {name: touches[f"compiled_{name}"] for name in opengl}
     figures = measure_feel(compiled["rgb"], compiled["mask"], opengl["rgb"], opengl["mask"])
-    both, either = opengl["mask"] & compiled["mask"], opengl["mask"] | compiled["mask"]
-    difference = (opengl["depth"] - compiled["depth"])[both]
-    figures["mask_iou"] = float(both.sum() / either.sum()) if either.any() else None
-    figures["depth_rms_m"] = float(np.sqrt(np.mean(difference**2))) if both.any() else None
+    overlap, either = opengl["mask"] & compiled["mask"], opengl["mask"] | compiled["mask"]
+    difference = (opengl["depth"] - compiled["depth"])[overlap]
+    figures["mask_iou"] = float(overlap.sum() / either.sum()) if either.any() else None
+    figures["depth_rms_m"] = float(np.sqrt(np.mean(difference**2))) if overlap.any() else None
     return {f"pyrender_{name}": value for name, value in figures.items()}
 
 

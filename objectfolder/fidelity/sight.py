@@ -71,9 +71,9 @@ def measure_sight(truth: np.ndarray, foreground: np.ndarray, answer: np.ndarray)
         {"view": index, "psnr_db": psnr_db(t, a), "psnr_foreground_db": psnr_db(t, a, f), "ssim": ssim(t, a)}
         for index, (t, a, f) in enumerate(zip(truth, answer, foreground, strict=True))
     ]
-    seen = [row for row in rows if np.isfinite(row["psnr_foreground_db"])]
+    finite = [row for row in rows if np.isfinite(row["psnr_foreground_db"])]
     means: dict[str, Any] = {
-        key: float(np.mean([row[key] for row in (seen if key == "psnr_foreground_db" else rows)]))
+        key: float(np.mean([row[key] for row in (finite if key == "psnr_foreground_db" else rows)]))
         for key in ("psnr_db", "psnr_foreground_db", "ssim")
     }
     for row in rows:
@@ -103,15 +103,15 @@ def measure_reflectance(file: ObjectFile, views: Product) -> dict[str, float]:
         resolution=(int(size[0]), int(size[1])),
         field_of_view_deg=float(views.attributes["field_of_view_deg"]),
     )
-    both = answer["mask"] & views["mask"][held_out]
+    shared = answer["mask"] & views["mask"][held_out]
     measured = {}
     for name in REFLECTANCE:
-        true, found = views[name][held_out][both].astype(np.float64), answer[name][both]
+        true, estimate = views[name][held_out][shared].astype(np.float64), answer[name][shared]
         if name == "albedo":
-            true, found = srgb_encode(true), srgb_encode(found)
+            true, estimate = srgb_encode(true), srgb_encode(estimate)
         elif np.ptp(true) == 0:
             continue
-        measured[f"{name}_psnr_db"] = psnr_db(np.rint(255 * true), np.rint(255 * found))
+        measured[f"{name}_psnr_db"] = psnr_db(np.rint(255 * true), np.rint(255 * estimate))
     return measured
 
 

@@ -145,7 +145,7 @@ def strike_arrays(file: ObjectFile, modes: Product) -> dict[str, Array]:
     The truth's amplitudes of a strike are stored in steps of 1/32767 of the largest, and the Object File's
     difference from them in steps of 1/127 of its own largest.
     """
-    said, dims = "truth and Object File", ("which", "mode")
+    description, dims = "truth and Object File", ("which", "mode")
     columns = {"eigenvalues": "rad^2/s^2", "dampings_per_s": "1/s"}
     modal = {name: np.stack([modes[name], getattr(file.modes, name)]) for name in columns}
     amplitudes = struck_amplitudes(file, modes)
@@ -161,7 +161,7 @@ def strike_arrays(file: ObjectFile, modes: Product) -> dict[str, Array]:
         "strike_difference": Array(difference, strikes, "step", "Object File's amplitudes less the truth's"),
         "strike_steps": Array(steps, ("which", "strike"), "m/s", "steps of truth and of difference"),
         "strike_difference_db": Array(differences, ("strike",), "dB", "energy of difference over truth's"),
-        **{f"strike_{name}": Array(modal[name], dims, unit, said) for name, unit in columns.items()},
+        **{f"strike_{name}": Array(modal[name], dims, unit, description) for name, unit in columns.items()},
     }
 
 
@@ -197,7 +197,7 @@ def strike_differences_db(
     products = np.concatenate(units) @ np.concatenate(units).T
     truth = np.concatenate([amplitudes[0], np.zeros_like(amplitudes[0])], axis=1)
     difference = np.concatenate([-amplitudes[0], amplitudes[1]], axis=1)
-    size, error = (np.einsum("nm,nm->n", one @ products, one) for one in (truth, difference))
+    size, error = (np.einsum("nm,nm->n", part @ products, part) for part in (truth, difference))
     with np.errstate(divide="ignore", invalid="ignore"):
         return 10 * np.log10(np.maximum(error, 1e-30 * size) / size)
 

@@ -197,14 +197,14 @@ def _sound(
         truth = sound.true_sounds(modes)
         points, impulses = sound.struck(modes)
         for share in MODE_SHARES:
-            kept = max(1, round(share * count))
-            with _timed(seconds, _key("audio", "modes", kept), len(points)):
+            mode_count = max(1, round(share * count))
+            with _timed(seconds, _key("audio", "modes", mode_count), len(points)):
                 partial = file.strike(
-                    points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, modes=kept, observed=RMS
+                    points, impulses, sound.DURATION_S, sound.SAMPLE_RATE_HZ, modes=mode_count, observed=RMS
                 )
             error = 10 * np.log10(max(stft_distance(truth, partial, sound.SAMPLE_RATE_HZ), 1e-30))
-            size = round(file.bytes_by_part()["audio"] * kept / count)
-            rows.append(_row("audio", "modes", kept, float(error), "STFT distance dB", size))
+            size = round(file.bytes_by_part()["audio"] * mode_count / count)
+            rows.append(_row("audio", "modes", mode_count, float(error), "STFT distance dB", size))
     return summary, rows, sound.strike_arrays(file, modes) if count else {}
 
 
