@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import InputError, SimulationError, UnsolvableError
-from objectfolder.mesh.cleaning import outward_orientation
+from objectfolder.mesh.orientation import outward_orientation
 from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
 from objectfolder.solid.normal_form import NormalForm, normal_form
