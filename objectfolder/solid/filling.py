@@ -23,37 +23,23 @@ from numpy.typing import NDArray
 from objectfolder.errors import InputError, SimulationError, UnsolvableError
 from objectfolder.mesh.orientation import outward_orientation
 from objectfolder.solid.bending_waves import BendingWaves
-from objectfolder.solid.local_thickness import LocalThickness, distances_across, local_thickness
-from objectfolder.solid.normal_form import NormalForm, normal_form
+from objectfolder.solid.comparison import Measures, differences, doubts_of, is_another_body, measure
+from objectfolder.solid.normal_form import normal_form
 from objectfolder.solid.redundant_vertices import without_redundant_vertices
 from objectfolder.solid.revolved import Revolved, revolved
 from objectfolder.solid.shell import hollow
-from objectfolder.solid.solid import LOCAL_FACES as LOCAL_FACES
-from objectfolder.solid.solid import SMALLEST_SHARE, Solid
-from objectfolder.solid.solid import clean as clean
-from objectfolder.solid.solid import volumes as volumes
+from objectfolder.solid.solid import Solid, clean, volumes
 from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
 from objectfolder.solid.thickening import thicken
-from objectfolder.surface.openings import patches_of
 from objectfolder.surface.signed_distance import surface_at_depth
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-MOST_VOLUME_ERROR = 0.04
-MOST_VOLUME_RATIO = 2.0  # from here on a solid is no solid of its surface
-MOST_WALL_RATIO = 1.25
-MOST_ELEMENTS = 36_000  # with order 2 they have about as many unknowns as are solved for
-DOUBLED = 5e-4  # of the diagonal: where few places are thinner, they are sheets given twice, not walls
-MOSTLY = 0.75
-# Points along an edge, and of all edges, at which distance is taken; of those how many exactly at a time.
-ALONG_EDGE, MOST_ON_EDGES, EXACT_AT_ONCE = 5, 10_000, 64
-OPENING_DISTANCE = 0.01  # distance over the diagonal from which on the outside of a solid closes an opening
 NOTHING_INSIDE = "it encloses no volume on a grid of 200,000 nodes"
 TRIED_WALL = 0.01  # thickness over the diagonal that sheets are tried with before it is advised
 MOST_TURNED_WALL = 0.08  # over the diagonal, of bodies of revolution that are filled by turning
-NEGLIGIBLE = 1e-7  # distance over the diagonal, that of single precision
 
 
 @dataclass(frozen=True)
@@ -87,26 +73,6 @@ class Filling:
     stop_energy: float = 40.0
     time_limit_s: float = 100.0
     memory_limit_gb: float = 3.0
-
-
-@dataclass(frozen=True)
-class _Measured:
-    """The dimensionless surface that is filled, what is known of it, and the shortest wave to be carried."""
-
-    form: NormalForm
-    local: LocalThickness
-    thin: float
-    median: float
-    closed: bool
-    pieces: int
-    volume: float
-    volume_uncertainty: float
-    wave: float = np.inf
-
-    @property
-    def wall(self) -> float:
-        """The thickness that small lengths are measured by."""
-        return min(1.5 * self.thin, self.median)
 
 
 def fill(
@@ -161,29 +127,29 @@ def fill(
     filling = filling or Filling()
     outward = _outward(surface)
     target, walls = _target(without_redundant_vertices(outward), wall_m, shell_m, name)
-    measured = _measure(target, waves)
-    turned = _turned(target if walls else outward, measured, filling, waves)
+    measures = measure(target, waves)
+    turned = _turned(target if walls else outward, measures, filling, waves)
     if turned is not None:
         body, done = turned
-        measured = _measure(body.surface)
-        vertices = measured.form.from_metres(body.vertices)
+        measures = measure(body.surface)
+        vertices = measures.form.from_metres(body.vertices)
         solid = clean(vertices, body.tetrahedra, {**done, "doubts": []}, name=name)
-        return _finished(solid, measured, filling, body.surface, {"tried": [], **walls})
-    best, tried = _least_doubtful(measured, filling, name)
-    return _finished(best, measured, filling, target, {"tried": tried, **walls})
+        return _finished(solid, measures, filling, body.surface, {"tried": [], **walls})
+    best, tried = _least_doubtful(measures, filling, name)
+    return _finished(best, measures, filling, target, {"tried": tried, **walls})
 
 
-def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[Solid, list[dict[str, Any]]]:
+def _least_doubtful(measures: Measures, filling: Filling, name: str) -> tuple[Solid, list[dict[str, Any]]]:
     """The first solid without doubts, or that with the fewest, and what was tried."""
     tried: list[dict[str, Any]] = []
     best: Solid | None = None
-    for way, vertices, tetrahedra, done in _ways(measured, filling):
+    for way, vertices, tetrahedra, done in _ways(measures, filling):
         if len(tetrahedra) == 0:
             tried.append({"way": way, **done})
             continue
         fine = clean(vertices, tetrahedra, {}, name=name)
-        doubts = _doubts(measured, fine)
-        if _is_another_body(measured, fine):
+        doubts = doubts_of(measures, fine)
+        if is_another_body(measures, fine):
             tried.append({"way": way, **done, "failed": "; ".join(doubts)})
             continue
         tried.append({"way": way, **done, "doubts": doubts})
@@ -195,35 +161,25 @@ def _least_doubtful(measured: _Measured, filling: Filling, name: str) -> tuple[S
         reasons = [f"{entry['way']}: {entry.get('failed', 'it encloses no volume')}" for entry in tried]
         cut_off = any(entry.get("cut_off") for entry in tried)
         raise (SimulationError if cut_off else UnsolvableError)(
-            name, f"no solid came of filling it: {'; '.join(reasons)}", _remedy(measured, filling, cut_off)
+            name, f"no solid came of filling it: {'; '.join(reasons)}", _remedy(measures, filling, cut_off)
         )
     return best, tried
 
 
-def _is_another_body(measured: _Measured, solid: Solid) -> bool:
-    """Whether a solid has so little of its surface's volume, or so much more, that it is not its solid.
-
-    Boards thinner than the cells of the grid that a surface is remeshed on are lost, for one.
-    """
-    least, most = measured.volume / MOST_VOLUME_RATIO, measured.volume * MOST_VOLUME_RATIO
-    allowed = 3 * measured.volume_uncertainty
-    return measured.volume > allowed and not least - allowed <= solid.volume_m3 <= most + allowed
-
-
-def _remedy(measured: _Measured, filling: Filling, cut_off: bool) -> str:
+def _remedy(measures: Measures, filling: Filling, cut_off: bool) -> str:
     """What helps a surface that no way filled: `wall_m` where it has sheets, which is tried first."""
     if cut_off:
         return "State a longer time_limit_s or a larger memory_limit_gb"
     closed = "Close the surface"
     try:
-        thick = thicken(measured.form.surface, TRIED_WALL)[0]
-        raw = run_tetwild(thick, next(_envelopes(_measure(thick), filling))[1])
+        thick = thicken(measures.form.surface, TRIED_WALL)[0]
+        raw = run_tetwild(thick, next(_envelopes(measure(thick), filling))[1])
         if not is_closed(thick) or isinstance(raw, str):
             return closed
     except (InputError, CutOffError):
         return closed
-    wall_m = TRIED_WALL * measured.form.diagonal_m
-    volume = float(np.abs(volumes(raw["vertices"], raw["tetrahedra"])).sum()) * measured.form.diagonal_m**3
+    wall_m = TRIED_WALL * measures.form.diagonal_m
+    volume = float(np.abs(volumes(raw["vertices"], raw["tetrahedra"])).sum()) * measures.form.diagonal_m**3
     return (
         f"State wall_m, the thickness of its sheets: {wall_m:.2g} m was tried, and gives a solid of "
         f"{1e6 * volume:.3g} cm3"
@@ -253,39 +209,13 @@ def _outward(surface: Surface) -> Surface:
     return Surface(surface.vertices, np.where(turned[:, None], surface.faces[:, ::-1], surface.faces))
 
 
-def _measure(target: Surface, waves: BendingWaves | None = None) -> _Measured:
-    form = normal_form(target)
-    local = local_thickness(form.surface)
-    across = local.across[np.isfinite(local.across)]
-    walls = across[across > DOUBLED]
-    across = walls if len(walls) > MOSTLY * len(across) else across
-    thin, median = np.quantile(across, [0.05, 0.5]) if len(across) else (0.02, 0.02)
-    volume, uncertainty = enclosed_volume(form.surface)
-    pieces = int(patches_of(form.surface.edges).max()) + 1
-    closed = is_closed(form.surface)
-    wave = np.inf
-    if waves is not None:
-        wave = waves.shortest_m(float(median) * form.diagonal_m, target.area) / form.diagonal_m
-    return _Measured(
-        form,
-        local,
-        float(thin),
-        float(median),
-        closed,
-        pieces,
-        volume,
-        uncertainty,
-        wave,
-    )
-
-
 def _turned(
-    source: Surface, measured: _Measured, filling: Filling, waves: BendingWaves | None
+    source: Surface, measures: Measures, filling: Filling, waves: BendingWaves | None
 ) -> tuple[Revolved, dict[str, Any]] | None:
     """A thin-walled body of revolution and what was done; None for other bodies."""
-    if measured.pieces != 1 or not measured.closed or measured.median > MOST_TURNED_WALL:
+    if measures.pieces != 1 or not measures.closed or measures.median > MOST_TURNED_WALL:
         return None
-    scale, most, area = measured.form.diagonal_m, _edge(measured, filling), measured.form.surface.area
+    scale, most, area = measures.form.diagonal_m, _edge(measures, filling), measures.form.surface.area
 
     def longest_edge(wall: Floats) -> Floats:
         wall_m = np.where(np.isfinite(wall), wall, 1.0) * scale
@@ -293,20 +223,20 @@ def _turned(
         return np.minimum(most, filling.edge_per_wave * np.array(carried))
 
     # Of rings in flat faces some are left out as redundant: they are looked for on the surface as given, too.
-    turned = revolved(measured.form, longest_edge) or revolved(normal_form(source), longest_edge)
+    turned = revolved(measures.form, longest_edge) or revolved(normal_form(source), longest_edge)
     if turned is None:
         return None
-    epsilon_m = filling.epsilon_per_wall * measured.wall * scale
+    epsilon_m = filling.epsilon_per_wall * measures.wall * scale
     return turned, {"way": "revolved", "steps_around": turned.steps, "epsilon_m": epsilon_m}
 
 
-def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:
+def _ways(measures: Measures, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:
     """Ways to fill, best first: name, vertices, tetrahedra (none when it failed) and what was done."""
-    scale = measured.form.diagonal_m
-    for way, envelope in _envelopes(measured, filling):
-        surface: Surface | None = measured.form.surface
+    scale = measures.form.diagonal_m
+    for way, envelope in _envelopes(measures, filling):
+        surface: Surface | None = measures.form.surface
         if way == "remeshed":
-            surface = surface_at_depth(measured.form.surface, envelope.epsilon / 8)
+            surface = surface_at_depth(measures.form.surface, envelope.epsilon / 8)
         failed: dict[str, Any] = {}
         try:
             raw = run_tetwild(surface, envelope) if surface is not None else NOTHING_INSIDE
@@ -324,19 +254,19 @@ def _ways(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Floats, 
         yield way, raw["vertices"], raw["tetrahedra"].astype(np.int64), done
 
 
-def _envelopes(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Envelope]]:
+def _envelopes(measures: Measures, filling: Filling) -> Iterator[tuple[str, Envelope]]:
     """What fTetWild gets on each way, best first."""
-    epsilon = float(np.clip(measured.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
-    edge = _edge(measured, filling)
-    carrying = min(edge, filling.edge_per_wave * measured.wave)
+    epsilon = float(np.clip(measures.wall * filling.epsilon_per_wall, 1e-4, 2e-3))
+    edge = _edge(measures, filling)
+    carrying = min(edge, filling.edge_per_wave * measures.wave)
     first = Envelope(
         epsilon,
-        float(np.clip(measured.wall * filling.simplification_per_wall, epsilon, 2e-3)),
+        float(np.clip(measures.wall * filling.simplification_per_wall, epsilon, 2e-3)),
         edge,
         carrying,
         filling.target_faces,
         filling.most_faces,
-        filling.stop_energy * _flat_energy(measured.wall / min(filling.edge_length, carrying)),
+        filling.stop_energy * _flat_energy(measures.wall / min(filling.edge_length, carrying)),
         0.6 * filling.time_limit_s,
         1e9 * filling.memory_limit_gb,
     )
@@ -353,9 +283,9 @@ def _envelopes(measured: _Measured, filling: Filling) -> Iterator[tuple[str, Env
     yield "remeshed", replace(second, time_limit_s=first.time_limit_s)
 
 
-def _edge(measured: _Measured, filling: Filling) -> float:
+def _edge(measures: Measures, filling: Filling) -> float:
     """Longest edge: 8.5 volumes of a regular tetrahedron are the cube of its edge."""
-    bulk = (8.5 * max(measured.volume, 0.0) / filling.bulk_elements) ** (1 / 3)
+    bulk = (8.5 * max(measures.volume, 0.0) / filling.bulk_elements) ** (1 / 3)
     return float(np.clip(bulk, filling.edge_length, 2 * filling.edge_length))
 
 
@@ -365,88 +295,9 @@ def _flat_energy(flatness: float) -> float:
     return float((2 + factor**2) / (3 * factor ** (2 / 3)))
 
 
-def _doubts(measured: _Measured, solid: Solid) -> list[str]:
-    """What is wrong with a solid as filled, by what its surface says."""
-    doubts = []
-    allowed = MOST_VOLUME_ERROR * abs(measured.volume) + 3 * measured.volume_uncertainty
-    if abs(solid.volume_m3 - measured.volume) > allowed:
-        doubts.append(f"the volume is {solid.volume_m3 / measured.volume - 1:+.1%} off")
-    if len(solid.tetrahedra) > MOST_ELEMENTS:
-        doubts.append(f"it takes {len(solid.tetrahedra)} elements, more than {MOST_ELEMENTS}")
-    ratio = _wall_ratio(measured, solid)
-    if measured.closed and not 1 / MOST_WALL_RATIO < ratio < MOST_WALL_RATIO:
-        doubts.append(f"its median wall is {ratio:.2f} times the surface's")
-    if solid.components > measured.pieces:
-        doubts.append(f"{measured.pieces} pieces of the surface became {solid.components} bodies")
-    if measured.closed and measured.pieces == 1:
-        boundary = Surface(solid.vertices, solid.boundary()[0])
-        away = boundary.sampled_distance.nearest(measured.local.points)[1]
-        lost = float(np.mean(away > np.maximum(measured.local.least, 0.01)))
-        if lost > 0.01:
-            doubts.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
-    return doubts
-
-
-def _wall_ratio(measured: _Measured, solid: Solid) -> float:
-    """Median wall thickness of a solid over that of its surface."""
-    boundary = Surface(solid.vertices, solid.boundary()[0])
-    drawn = boundary.sample(2048, 0)
-    across = distances_across(boundary, drawn.points, boundary.face_normals[drawn.face])
-    finite = across[np.isfinite(across)]
-    return float(np.median(finite) / measured.median) if len(finite) else 0.0
-
-
-def _along_edges(surface: Surface) -> Floats:
-    """Points of the edges of a surface, ends included: its farthest places are there, between any samples."""
-    edges = edge_table(surface.faces).vertices
-    step = max(1, len(edges) * ALONG_EDGE // MOST_ON_EDGES)
-    first, last = surface.vertices[edges[::step, 0]], surface.vertices[edges[::step, 1]]
-    share = np.linspace(0, 1, ALONG_EDGE)[:, None, None]
-    return ((1 - share) * first + share * last).reshape(-1, 3)
-
-
-def _largest_distance(surface: Surface, points: Floats) -> float:
-    """Largest distance of points (n, 3) from a surface.
-
-    `Surface.sampled_distance` is never too small; where it is large, the exact distance decides.
-    """
-    bound = surface.sampled_distance.nearest(points)[1]
-    order = np.argsort(-bound, kind="stable")
-    largest = 0.0
-    for start in range(0, len(order), EXACT_AT_ONCE):
-        part = order[start : start + EXACT_AT_ONCE]
-        if bound[part[0]] <= largest + NEGLIGIBLE:
-            break
-        largest = max(largest, float(surface.closest_points(points[part]).distance.max()))
-    return largest
-
-
 def _finished(
-    solid: Solid, measured: _Measured, filling: Filling, target: Surface, done: dict[str, Any]
+    solid: Solid, measures: Measures, filling: Filling, target: Surface, done: dict[str, Any]
 ) -> Solid:
     """The solid in metres, with a report of how far it is from its surface."""
-    scale = measured.form.diagonal_m
-    points, surface = measured.local.points, measured.form.surface
-    boundary = Surface(solid.vertices, solid.boundary()[0])
-    forth = boundary.sampled_distance.nearest(points)[1]
-    back = surface.sampled_distance.nearest(boundary.sample(len(points), 1).points)[1]
-    away = np.concatenate([forth, back]) * scale
-    largest = max(
-        _largest_distance(boundary, np.concatenate([points, _along_edges(surface)])),
-        _largest_distance(surface, _along_edges(boundary)),
-    )
-    report = {
-        "filling": asdict(filling),
-        **solid.report,
-        **done,
-        "wall_thin_m": measured.thin * scale,
-        "wall_median_m": measured.median * scale,
-        "volume_error": solid.volume_m3 / measured.volume - 1 if measured.volume > 0 else None,
-        "volume_uncertainty": measured.volume_uncertainty / measured.volume if measured.volume > 0 else None,
-        "wall_median_ratio": _wall_ratio(measured, solid),
-        "surface_error_rms_m": float(np.sqrt(np.mean(away**2))),
-        "surface_error_max_m": largest * scale,
-        "smallest_body_share": SMALLEST_SHARE,
-        "closing_share": 0.0 if measured.closed else float(np.mean(back > OPENING_DISTANCE)),
-    }
-    return Solid(measured.form.to_metres(solid.vertices), solid.tetrahedra, solid.component, report, target)
+    report = {"filling": asdict(filling), **solid.report, **done, **differences(solid, measures)}
+    return Solid(measures.form.to_metres(solid.vertices), solid.tetrahedra, solid.component, report, target)

@@ -15,7 +15,6 @@ from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
-from objectfolder.audio.modes.geometry_error import geometry_error_cents, shape_warnings, volume_error
 from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.product_arrays import (
     Motion,
@@ -30,6 +29,7 @@ from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.bending_waves import BendingWaves
+from objectfolder.solid.comparison import geometry_error_cents, shape_warnings, volume_error
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
