@@ -42,7 +42,7 @@ def sound(run: Run) -> dict[str, Any]:
 def hundred_modes(run: Run) -> dict[str, Any]:
     """Strikes a second of one second of a hundred modes, the product alone."""
     from objectfolder.audio.synthesis.oscillators import Oscillators
-    from objectfolder.audio.synthesis.struck_body import Source
+    from objectfolder.audio.synthesis.sources import Source
     from objectfolder.batch.sound import Table, full_precision, write
 
     random = np.random.default_rng(0)

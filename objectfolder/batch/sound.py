@@ -15,7 +15,8 @@ import numpy as np
 from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
 from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
-from objectfolder.audio.synthesis.struck_body import CONTACT, Source
+from objectfolder.audio.synthesis.sources import Source
+from objectfolder.audio.synthesis.struck_body import CONTACT
 from objectfolder.batch.resident import ResidentTrees, numbers, object_indices, upload
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError

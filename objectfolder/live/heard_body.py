@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.hertz import HertzContact
 from objectfolder.audio.synthesis.object_stream import ObjectStream
-from objectfolder.audio.synthesis.struck_body import Motion
+from objectfolder.audio.synthesis.sources import Motion
 from objectfolder.errors import QueryError
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.surface.bounding_boxes import closest_barycentric

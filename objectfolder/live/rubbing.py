@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.hertz import HertzContact
 from objectfolder.audio.synthesis.roughness import RoughProfile
-from objectfolder.audio.synthesis.struck_body import Motion, along
+from objectfolder.audio.synthesis.sources import Motion, along
 from objectfolder.live.heard_body import HeardBody
 from objectfolder.live.lasting import LastingContact
 from objectfolder.live.resting import Rest

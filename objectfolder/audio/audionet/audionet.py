@@ -30,6 +30,7 @@ from objectfolder.errors import FormatError
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.products.matrix_coding import unpack_matrix
 from objectfolder.products.stored_values import number, whole_number
+from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.surface import ClosestPoints, Surface
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,8 @@ LARGEST_POINTS = 3000  # no fit takes more
 LARGEST_CORRECTIONS = 20_000  # no fit takes more
 LARGEST_COEFFICIENTS = 1 << 22
 LARGEST_VALUE = 1e15  # of an eigenvalue: 5 MHz
+# A rigid motion has 1 everywhere; the light tip of a heavy body has more, the starter set 15 at most.
+LARGEST_SHAPE = 1e3
 KERNEL_RANGES = {
     "length": (1e-6, 1e6),
     "normal_weight": (0.0, 1e6),
@@ -196,6 +199,25 @@ class AudioNet:
                 result[start : start + rows] = (self._kernel.covariance(block, centres) @ weights)[:rows]
             self._correct(result, places.face, places.barycentric)
         return result.reshape(count, 3, modes)
+
+    def gains_of_mass(self, points: ArrayLike | ClosestPoints, mass_kg: float) -> Floats:
+        """Return `gains`, or `gains_at`, but for those that no body of this mass has.
+
+        Raises
+        ------
+        FormatError
+            Such gains, or none.
+        """
+        try:
+            gains = self.gains_at(points) if isinstance(points, ClosestPoints) else self.gains(points)
+        except np.linalg.LinAlgError as error:
+            raise FormatError("audio", f"its coefficients have no solution ({error})", REMEDY) from error
+        largest = np.abs(gains).max(initial=0.0) * np.sqrt(mass_kg)
+        radiating = self.radiation_weights.max(initial=0.0) * np.sqrt(mass_kg)
+        if not (largest <= LARGEST_SHAPE and radiating <= LARGEST_SHAPE):
+            finding = f"gains of {largest:.3g} and {radiating:.3g} over the root of the mass"
+            raise FormatError("audio", f"{finding}, above {LARGEST_SHAPE:g}", REMEDY)
+        return gains
 
     def _correct(self, result: Floats, face: Integers, barycentric: Floats) -> None:
         """Add corrections to fields (n, 3 modes) at barycentric coordinates (n, 3) of faces (n,)."""

@@ -11,15 +11,8 @@ from objectfolder.audio.synthesis.earlier_forces import earlier_forces
 from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.struck_body import (
-    Motion,
-    Observed,
-    Pulse,
-    Source,
-    StruckBody,
-    along,
-    named_striker,
-)
+from objectfolder.audio.synthesis.sources import Motion, Source, along
+from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, named_striker
 from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.errors import QueryError
 from objectfolder.query_values import point_rows, real

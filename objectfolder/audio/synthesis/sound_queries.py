@@ -14,6 +14,7 @@ from objectfolder.audio.synthesis.earlier_forces import earlier_forces
 from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.object_stream import ObjectStream
 from objectfolder.audio.synthesis.sound import Sound, StrikeEnergy
+from objectfolder.audio.synthesis.sources import along
 from objectfolder.audio.synthesis.struck_body import (
     CONTACT,
     RMS,
@@ -21,26 +22,21 @@ from objectfolder.audio.synthesis.struck_body import (
     Pulse,
     RigidBody,
     StruckBody,
-    along,
     named_striker,
 )
-from objectfolder.audio.synthesis.support import Support
-from objectfolder.errors import FormatError, QueryError
-from objectfolder.products.tensor_file import REMEDY
+from objectfolder.audio.synthesis.support import Support, named_support
+from objectfolder.errors import QueryError
 from objectfolder.query_values import point_rows, real, real_array, require_room, whole
 from objectfolder.renaming import formerly_positional, renamed_keywords
 from objectfolder.signatures import same_arguments
 from objectfolder.surface.contact_surface import ContactSurface
 from objectfolder.surface.surface import ClosestPoints
 
-# A rigid motion has 1 everywhere; the light tip of a heavy body has more, the starter set 15 at most.
-LARGEST_SHAPE = 1e3
 LARGEST_FORCE = 1e12
 SAMPLE_RATES_HZ = (1.0, 1e8)
 LONGEST_S = 1e6
 MOST_MODES = 10**9  # that a query may name: more than there are stands for all
 Parts = Iterator[tuple[slice, NDArray[np.float32], StrikeEnergy | None]]
-LYING = "lying"  # `Support.lying` by name
 LEAST_KG = 1e-9  # of a body whose mass is not known
 
 
@@ -357,28 +353,9 @@ class SoundQueries:
         return None if listener is None else point_rows(listener, "listener", 1)
 
     def _gains(self, points: np.ndarray | ClosestPoints) -> np.ndarray:
-        """Return `AudioNet.gains`, but for those that no body of this mass has.
-
-        Raises
-        ------
-        FormatError
-            Such gains, or none.
-        """
+        """Return `AudioNet.gains_of_mass` of the body."""
         body = self.description.get("body")
-        mass_kg = float(body["filled_mass_kg"]) if body else LEAST_KG
-        try:
-            if isinstance(points, ClosestPoints):
-                gains = self.net.gains_at(points)
-            else:
-                gains = self.net.gains(points)
-        except np.linalg.LinAlgError as error:
-            raise FormatError("audio", f"its coefficients have no solution ({error})", REMEDY) from error
-        largest = np.abs(gains).max(initial=0.0) * np.sqrt(mass_kg)
-        radiating = self.net.radiation_weights.max(initial=0.0) * np.sqrt(mass_kg)
-        if not (largest <= LARGEST_SHAPE and radiating <= LARGEST_SHAPE):
-            finding = f"gains of {largest:.3g} and {radiating:.3g} over the root of the mass"
-            raise FormatError("audio", f"{finding}, above {LARGEST_SHAPE:g}", REMEDY)
-        return gains
+        return self.net.gains_of_mass(points, float(body["filled_mass_kg"]) if body else LEAST_KG)
 
     def _struck_body(self, modes: int | None, support: Support | str | None = None) -> StruckBody:
         """Modes, as a support changes them, and body as synthesis takes them.
@@ -392,22 +369,9 @@ class SoundQueries:
             finding = f"the object has no sound: {self.net.absent}"
             raise QueryError("audio", finding, "It can be seen and felt.")
         modes = None if modes is None else whole("modes", modes, 0, MOST_MODES)
-        if isinstance(support, str) and support == LYING:
-            support = Support.lying()
-        if not isinstance(support, Support | None):
-            raise QueryError("support", reprlib.repr(support), f"Give a `Support`, {LYING!r} or None.")
+        support = named_support(support)
         net, body, material = self.net, self.description.get("body"), self.description.get("material")
-        rigid = None
-        if body:
-            closed = body["inertia_kg_m2"] is not None
-            # The solid that sounds may be lighter than the closed surface: a container with a stated wall.
-            share = body["filled_mass_kg"] / body["mass_kg"] if closed else 1.0
-            rigid = RigidBody(
-                float(body["filled_mass_kg"]),
-                np.asarray(body["centre_of_mass_m"]) if closed else self.contacts.surface.bounds.mean(axis=0),
-                share * np.asarray(body["inertia_kg_m2"]) if closed else None,
-                float(self.contacts.surface.area),
-            )
+        rigid = RigidBody.of(body, self.contacts.surface) if body else None
         eigenvalues, dampings = net.eigenvalues[:modes], net.dampings_per_s[:modes]
         if support is not None:
             support_gains = self._gains(self.contacts.project(support.points, name="support").points)[

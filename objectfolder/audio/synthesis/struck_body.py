@@ -1,25 +1,26 @@
 """A struck object: its modes and its mass under contacts, as surface velocity or pressure at listeners."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.synthesis.air import Air, Listener
-from objectfolder.audio.synthesis.bank import FLOOR_DB, ring, samples_of
+from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
 from objectfolder.audio.synthesis.bank import Pulse as PulseOfRows
 from objectfolder.audio.synthesis.collision import Collider, Vibrations, collide
-from objectfolder.audio.synthesis.force import drive
 from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.sound import StrikeEnergy
+from objectfolder.audio.synthesis.sources import Motion, Source, along
 from objectfolder.errors import QueryError
 from objectfolder.query_values import real_array
-from objectfolder.surface.surface import ClosestPoints
+from objectfolder.surface.surface import ClosestPoints, Surface
 
 Floats = NDArray[np.float64]
 Pulse = float | ArrayLike | ContactBody | str | None
@@ -48,6 +49,19 @@ class RigidBody:
     centre_m: Floats
     inertia_kg_m2: Floats | None
     area_m2: float
+
+    @classmethod
+    def of(cls, body: Mapping[str, Any], surface: Surface) -> "RigidBody":
+        """Return the `body` of an Object File; one without an inertia is about the middle of its box."""
+        closed = body["inertia_kg_m2"] is not None
+        # The solid that sounds may be lighter than the closed surface: a container with a stated wall.
+        share = body["filled_mass_kg"] / body["mass_kg"] if closed else 1.0
+        return cls(
+            float(body["filled_mass_kg"]),
+            np.asarray(body["centre_of_mass_m"]) if closed else surface.bounds.mean(axis=0),
+            share * np.asarray(body["inertia_kg_m2"]) if closed else None,
+            float(surface.area),
+        )
 
     def mass_towards(self, point: Floats, direction: Floats) -> float:
         """Mass offered to a push at a point; the whole mass where the inertia is not known."""
@@ -143,7 +157,7 @@ class StruckBody:
                 sound[:, channel] = total
             yield rows, sound, energy
 
-    def motion(self, points: Floats | ClosestPoints) -> "Motion":
+    def motion(self, points: Floats | ClosestPoints) -> Motion:
         """Return how each mode moves where it is struck."""
         modes = len(self.eigenvalues)
         count = len(points.points if isinstance(points, ClosestPoints) else points)
@@ -207,7 +221,7 @@ class StruckBody:
         return Vibrations(self.eigenvalues, self.dampings_per_s)
 
     def collisions(
-        self, points: Floats, motion: "Motion", impulses: Floats, striker: ContactBody
+        self, points: Floats, motion: Motion, impulses: Floats, striker: ContactBody
     ) -> "Collisions":
         """Let a striker collide at points (n, 3), at speeds at which rigid bodies would pass on impulses."""
         if impulses.ndim == 3:
@@ -234,7 +248,7 @@ class StruckBody:
 
     def channels(
         self, sample_rate_hz: float, observed: Observed, listeners: Floats | None
-    ) -> Iterator[list["Source"]]:
+    ) -> Iterator[list[Source]]:
         """Yield the sources of what is heard in each channel."""
         oscillators = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
         columns = np.flatnonzero(oscillators.audible())
@@ -266,7 +280,7 @@ class StruckBody:
 
     def _through_air(
         self, heard: NDArray[np.complex128], modes: Oscillators, columns: NDArray[np.int64], delay_s: float
-    ) -> "Source":
+    ) -> Source:
         """Return the modes as they are heard through transfers (modes,), without the inaudible.
 
         The pressure is Re(H V), V the velocity with exp(-i w t), so that displacement has a part in it as
@@ -297,92 +311,6 @@ class Collisions:
     energy_j: StrikeEnergy
 
 
-@dataclass(frozen=True)
-class Motion:
-    """How the surface moves in each mode at contacts.
-
-    Attributes
-    ----------
-    shapes : (n, 3, modes) mass-normalised mode shapes, kg^-1/2
-    normals : asked for (n, 3), the outward unit normals
-    """
-
-    shapes: Floats
-    normals: Callable[[], Floats]
-
-    @cached_property
-    def normal(self) -> Floats:
-        """Components (n, modes) of the shapes along the outward normals."""
-        return along(self.normals(), self.shapes) if self.shapes.size else self.shapes[:, 0]
-
-    def each(self) -> list["Motion"]:
-        """Return those of the contacts one by one."""
-        return [self._one(slice(row, row + 1)) for row in range(len(self.shapes))]
-
-    def _one(self, row: slice) -> "Motion":
-        return Motion(self.shapes[row], lambda: self.normals()[row])
-
-
-@dataclass(frozen=True)
-class Source:
-    """Oscillators as one channel hears them.
-
-    Attributes
-    ----------
-    oscillators, weights, columns : as for `ring`
-    observed : (modes,) what is heard of a unit of modal velocity; None: the normal velocity of the contact
-    gains : (3, modes) of a source that does not depend on the contact; None for the modes of the surface
-    delay_s : on the way to the listener
-    """
-
-    oscillators: Oscillators
-    weights: tuple[Floats, Floats]
-    columns: NDArray[np.int64]
-    observed: Floats | None
-    gains: Floats | None
-    delay_s: float
-
-    def field(self, motion: Motion) -> Floats:
-        """Gains (n, 3, modes): its own, or what is heard of a contact's."""
-        if self.gains is not None:
-            return np.broadcast_to(self.gains, (len(motion.shapes), *self.gains.shape))
-        observed = motion.normal[:, None] if self.observed is None else self.observed
-        return motion.shapes * observed
-
-    @property
-    def delay_samples(self) -> int:
-        """Nearest whole number of samples."""
-        return round(self.delay_s * self.oscillators.sample_rate_hz)
-
-    def write(
-        self, motion: Motion, forces: Floats, pulse: PulseOfRows, sound: Floats, floor_db: float
-    ) -> None:
-        """Write the sound (n, samples) of contacts; `sound` is overwritten."""
-        field = self.field(motion)
-        if forces.ndim == 3:
-            driven = field[:, :, self.columns]
-            drive(
-                self.oscillators,
-                self.weights,
-                driven,
-                forces,
-                sound,
-                delay_samples=self.delay_samples,
-                floor_db=floor_db,
-            )
-            return
-        ring(
-            self.oscillators,
-            self.weights,
-            along(forces, field),
-            sound,
-            columns=self.columns,
-            pulse=pulse,
-            delay_s=self.delay_s,
-            floor_db=floor_db,
-        )
-
-
 def named_striker(pulse: Pulse) -> Pulse:
     """Return one of `STRIKERS` for its name, and anything else as it is.
 
@@ -397,8 +325,3 @@ def named_striker(pulse: Pulse) -> Pulse:
         remedy = f"Give seconds, a `ContactBody` or one of {', '.join(STRIKERS)}."
         raise QueryError("pulse", repr(pulse), remedy)
     return STRIKERS[pulse]
-
-
-def along(forces: Floats, gains: Floats) -> Floats:
-    """Amplitudes (n, modes) of forces (n, 3) on gains (n, 3, modes), a row like it is alone."""
-    return np.asarray((forces[:, :, None] * gains).sum(axis=1))

@@ -7,6 +7,7 @@ theory (J. W. S. Rayleigh, "The Theory of Sound", vol. 1, sections 90 and 102): 
 eigenvalue grows by sum_p k_p |phi_i(x_p)|^2, each decay rate by half of sum_p d_p |phi_i(x_p)|^2.
 """
 
+import reprlib
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +27,7 @@ MOST_POINTS = 64  # of a patch
 # geometric rms factor of the three is least. `bench.reality.sound` names the tables.
 LYING_PER_S = 58.0
 FASTEST_PER_S = 1e6
+LYING = "lying"  # `Support.lying` by name
 
 
 @dataclass(frozen=True)
@@ -167,3 +169,18 @@ class Support:
         """
         stiffer, faster = self.added(shapes)
         return np.asarray(np.maximum(stiffer / eigenvalues, 2 * faster / np.sqrt(eigenvalues)))
+
+
+def named_support(support: Support | str | None) -> Support | None:
+    """Return `Support.lying` for its name, and a support or None as it is.
+
+    Raises
+    ------
+    QueryError
+        Anything else.
+    """
+    if isinstance(support, str) and support == LYING:
+        return Support.lying()
+    if not isinstance(support, Support | None):
+        raise QueryError("support", reprlib.repr(support), f"Give a `Support`, {LYING!r} or None.")
+    return support
