@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.elements.curving import GEOMETRY_ORDER
-from objectfolder.audio.elements.elasticity import ElementMatrices, gains_of_more_functions
+from objectfolder.audio.elements.elasticity import ElementMatrices, gains_of_more_functions, most_useful
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.modes.eigen import Eigenpairs, Pencil, count_below, low_shift, lowest_elastic
 from objectfolder.audio.modes.inverse_iteration import improve
@@ -282,7 +282,7 @@ def _enriched(choice: Choice, space: Space, goal: Goal) -> Choice:
     if heard.any():
         room = goal.most_functions(pairs.vectors.shape[1]) - int(used.sum())
         allowed = SHARE_LEFT * goal.accuracy_cents / cents
-        additions = _most_useful(upper.space, gains[:, heard], used, allowed, room)
+        additions = most_useful(upper.space, gains[:, heard], used, allowed, room)
     foretold = gains[additions].sum(axis=0)
     left = cents * (gains.sum(axis=0) - foretold)
     choice = replace(choice, leading=leading, foretold=foretold, left_cents=left)
@@ -336,45 +336,6 @@ def _widened(vectors: Floats, among: Chosen) -> Floats:
     result = np.zeros((len(among), 3, vectors.shape[1]))
     result[among] = vectors.reshape(-1, 3, vectors.shape[1])
     return result.reshape(3 * len(among), -1)
-
-
-def _most_useful(
-    space: Space, gains: Floats, chosen: NDArray[np.bool_], allowed: float, at_most: int
-) -> Integers:
-    """All functions of the fewest elements such that the others gain no mode more than `allowed`.
-
-    Elements are taken whole: in a thin one, functions that gain next to nothing alone let others bend freely.
-
-    Parameters
-    ----------
-    gains
-        (function, modes) of a space of the next order.
-    chosen
-        (function,) those that are in use.
-    at_most
-        Number of functions that may be added.
-    """
-    if np.all(gains.sum(axis=0) <= allowed):
-        return np.zeros(0, dtype=np.int64)
-    sharing = np.bincount(space.numbers.ravel(), minlength=space.size)[:, None]
-    of_element = (gains / sharing)[space.numbers].sum(axis=1)
-    # Rounded: elements that are alike must not change places by the last bit.
-    score = np.round(np.log(of_element.max(axis=1) + 1e-300), 3)
-    order = np.argsort(-score, kind="stable")
-    # First element, in this order, that brings each function in.
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    first = np.full(space.size, len(order))
-    np.minimum.at(first, space.numbers.ravel(), np.repeat(rank, space.numbers.shape[1]))
-    arriving = np.zeros((len(order), gains.shape[1]))
-    np.add.at(arriving, first, gains)
-    left = gains.sum(axis=0) - np.cumsum(arriving, axis=0)
-    new = np.cumsum(np.bincount(first[~chosen], minlength=len(order))[: len(order)])
-    enough = np.flatnonzero(np.all(left <= allowed, axis=1))
-    elements = min(
-        int(enough[0]) + 1 if len(enough) else len(order), int(np.searchsorted(new, at_most, "right"))
-    )
-    return np.flatnonzero(~chosen & (first < elements))
 
 
 def _remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:

@@ -36,8 +36,6 @@ _OPTION_VALUES = {
     "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2,
     "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
 }  # fmt: skip
-
-
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "m": 3}
 _NORMALS = {"norm", "map_kn"}
 _BUMPS = {"bump", "map_bump"}
