@@ -1,6 +1,6 @@
 """Sight: seconds against error, and bytes, of VisionNet, Cycles, the paper's network and lit textures.
 
-    python -m bench.senses.vision --only ID ID ID --folder FOLDER [--objects CATALOGUE.csv]
+    python -m bench.senses.vision --only ID ID ID --folder FOLDER [--objects CATALOGUE.csv] [--material known]
 
 All renderers answer the same held-out cameras and lights and are compared with the same truth. Views, fitted
 networks and finished rows are kept in FOLDER and not made again, and the result is of all rows there: delete
@@ -36,7 +36,8 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.compositing import composite_on_white, on_white
 from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
 from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.fitting import MATERIALS, fit_visionnet
+from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZES = (128, 256)
@@ -60,6 +61,7 @@ def main() -> None:
         "--training-views", type=int, nargs="+", default=[100], help="for each size, or one for all"
     )
     parser.add_argument("--held-out-views", type=int, default=6)
+    parser.add_argument("--material", choices=MATERIALS, default="learned", help="as of fit_visionnet")
     parser.add_argument(
         "--cycles-samples", type=int, nargs="+", default=list(CYCLES_SAMPLES), help="of Cycles as a rival"
     )
@@ -70,6 +72,7 @@ def main() -> None:
     parser.add_argument("--network-objects", type=int, default=1, help="for how many of the objects")
     parser.add_argument("--network-device", default="cpu")
     given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
     scans = Scans(given.objects)
     counts = given.training_views * (len(given.sizes) if len(given.training_views) == 1 else 1)
     given.training_views = dict(zip(given.sizes, counts, strict=True))
@@ -95,6 +98,7 @@ def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str,
         "objects": sorted({row["object"] for row in rows}),
         "sizes": sorted({row["size"] for row in rows}),
         "training": views,
+        "material": given.material,
         "held_out": f"{given.held_out_views} views at {TRUTH_SAMPLES} samples, cameras and lights unseen",
         "times": "CPU seconds of one view, one thread, medians over views and rounds, ways interleaved",
         "cycles_times": "within its process after the first view, the scene kept; and with the process, "
@@ -218,8 +222,9 @@ class Case:
         surface = decode_surface(encoded)
         path = self.given.folder / f"{self.name}_{self.size}.visionnet.safetensors"
         if not path.exists():
-            start = time.process_time()
-            fitted = fit_visionnet(surface, self.frame, self.views)
+            start, material = time.process_time(), self.given.material
+            maps = sample_maps(stored_mesh(self.mesh, surface), self.frame, self.appearance, material)
+            fitted = fit_visionnet(surface, self.frame, self.views, maps=maps, material=material)
             spent = time.process_time() - start
             metadata = {"visionnet": fitted.metadata(), "cpu_s": spent}
             write_tensor_file(path, TensorFile(fitted.tensors(), metadata))

@@ -13,6 +13,8 @@ COMPARED = (
 )
 # A published VisionNet's error on its own data is 36 dB; this is what Cycles has with 16 samples.
 WANTED_DB = 42.0
+# Errors of the foreground at which CPU seconds are compared with those of Cycles.
+FOREGROUND_DB = 40.0, 45.0, 50.0
 MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes", "training_cpu_s")
 LOOKS = {
     "VisionNet, compiled": ("tab:blue", "o-"),
@@ -35,6 +37,7 @@ def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "rows": rows,
         "mean_over_objects": {size: mean_over_objects(found) for size, found in by_size.items()},
         "against_cycles_at_equal_error": {size: at_equal_error(found) for size, found in by_size.items()},
+        "against_cycles_at_foreground_db": {size: at_foreground(found) for size, found in by_size.items()},
         f"seconds_at_{WANTED_DB:.0f}_db": {
             size: seconds_at(found, WANTED_DB) for size, found in by_size.items()
         },
@@ -97,6 +100,36 @@ def at_equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             values = list(entry[key].values())
             entry[f"median_{key}"] = float(np.median(values)) if values else None
     return list(compared.values())
+
+
+def at_foreground(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Cycles' CPU seconds at an error of the foreground over those of the cheapest setting that reaches it.
+
+    Cycles' seconds are interpolated as in `at_equal_error`; an object is left out where all of its sample
+    counts have more error or less.
+    """
+    compared: dict[str, dict[str, Any]] = {}
+    for level in FOREGROUND_DB:
+        times: dict[str, float] = {}
+        missed = []
+        for row in rows:
+            cycles = sorted(
+                (way for way in row["ways"] if way["way"] == "Cycles"), key=lambda way: way["setting"]
+            )
+            own = [way for way in row["ways"] if way["way"] == "VisionNet, compiled"]
+            seconds = [way["cpu_s"] for way in own if way["psnr_foreground_db"] >= level]
+            errors = [way["psnr_foreground_db"] for way in cycles]
+            if not seconds:
+                missed.append(row["object"])
+            elif errors[0] <= level <= errors[-1]:
+                log_s = np.interp(level, errors, [np.log(way["cpu_s"]) for way in cycles])
+                times[row["object"]] = float(np.exp(log_s) / min(seconds))
+        compared[f"{level:.0f}"] = {
+            "times_faster": times,
+            "median_times_faster": float(np.median(list(times.values()))) if times else None,
+            "not_reached": missed,
+        }
+    return compared
 
 
 def seconds_at(rows: list[dict[str, Any]], wanted_db: float) -> dict[str, dict[str, Any]]:

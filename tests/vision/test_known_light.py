@@ -26,7 +26,7 @@ from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
 from objectfolder.vision.compiled.renderer import CompiledRenderer
 from objectfolder.vision.environment import Environment
-from objectfolder.vision.network.face_lattice import FaceLattice
+from objectfolder.vision.network.face_lattice import HALF_SIDE, FaceLattice, facing
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.surface_maps import SurfaceMaps
 from objectfolder.vision.visionnet.fitting import fit_visionnet
@@ -76,6 +76,22 @@ def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():
     sent = shown.sent(np.ones((len(shown.row), 3)))
     np.testing.assert_allclose(sent, shown.everything, atol=1e-6)
     np.testing.assert_allclose(sent.mean(axis=0), 1.0, atol=0.02)
+
+
+def test_places_of_a_cube_that_look_one_way_share_a_value_in_the_order_of_cubes():
+    triangles = hollow_ball()[1].triangles
+    lattice = FaceLattice(triangles, 1 / 16)
+    face, barycentric = lattice.places(np.zeros((1, 2)))
+    # As `places` and kernels round: a sum of products from left to right.
+    corner = np.moveaxis(triangles[face], 1, 0)
+    weight = np.moveaxis(barycentric[..., None], 1, 0)
+    position = weight[0] * corner[0] + weight[1] * corner[1] + weight[2] * corner[2]
+    cells = np.floor((position + HALF_SIDE) * 16).astype(int)
+    bits = (cells[:, :, None] >> np.arange(11)[::-1] & 1).transpose(0, 2, 1).reshape(len(cells), -1)
+    keys = np.column_stack([facing(triangles)[face], bits @ (1 << np.arange(bits.shape[1])[::-1])])
+    _, expected = np.unique(keys, axis=0, return_inverse=True)
+    np.testing.assert_array_equal(lattice.owner, expected.ravel())
+    assert lattice.size < len(lattice.owner)
 
 
 def test_a_kernel_looks_up_a_lattice_as_the_lattice_does():

@@ -17,16 +17,11 @@ from objectfolder.products.integer_coding import pack_integers, unpack_integers
 MOST_STEPS = 1024
 """Along an edge of a face."""
 
-_PLACE_BITS = 21
-MOST_PLACES = 1 << _PLACE_BITS
+MOST_PLACES = 1 << 21
 """Of a lattice: six times those of a chair, 1/192 of its length apart."""
 
 HALF_SIDE = 0.6
 """No coordinate of the unit frame is below this less than zero: cubes are counted from there."""
-
-_CELLS = (1 << 11) - 1
-# Bits of a number three places apart: those of three of them make a Morton code.
-_SPREAD = np.sum([(np.arange(_CELLS + 1) >> bit & 1) << 3 * bit for bit in range(11)], axis=0)
 
 
 class FaceLattice:
@@ -106,18 +101,11 @@ class FaceLattice:
         """Which value (p,) is that of each place: in order of cubes along a Morton curve where shared."""
         if not self._shared:
             return np.arange(self._size)
-        face, barycentric = self.places(np.zeros((1, 2)))
-        key = facing(self._triangles)[face].astype(np.int64) << 33
-        for axis in range(3):
-            a, b, c = self._triangles[..., axis].T
-            position = barycentric[:, 0] * a[face] + barycentric[:, 1] * b[face] + barycentric[:, 2] * c[face]
-            cell = np.floor((position + HALF_SIDE) / self._pitch).astype(np.int64)
-            key |= _SPREAD[cell & _CELLS] << 2 - axis
-        # Key and place in one number, for numbers sort sooner than their order is found.
-        order = np.sort(key << _PLACE_BITS | np.arange(self._size))
-        owner = np.empty(self._size, dtype=np.int64)
-        owner[order & (1 << _PLACE_BITS) - 1] = np.cumsum(np.diff(order >> _PLACE_BITS, prepend=-1) > 0) - 1
-        return owner
+        # Importing numba is slow, and only values on a lattice need it.
+        from objectfolder.vision.network.place_values import shared_values
+
+        ways = facing(self._triangles)
+        return shared_values(self._triangles, ways, self.grids, self._size, self._pitch, HALF_SIDE)
 
     @cached_property
     def size(self) -> int:

@@ -150,7 +150,7 @@ def _direction(
 def _covered_pixel(
     surface: Surface, pose: np.ndarray, field_of_view_deg: float, random: np.random.Generator
 ) -> np.ndarray:
-    """Return (row, column) of a pixel, of `CONDITION_RESOLUTION_PX`, that shows the object; else the middle."""
+    """Return (row, column) of a pixel of `CONDITION_RESOLUTION_PX` that shows the object; else the middle."""
     pixels, centre = np.arange(CONDITION_RESOLUTION_PX**2), np.array([[0.5, 0.5]])
     rays = pixel_rays(pose, pixels, centre, CONDITION_RESOLUTION_PX, field_of_view_deg)
     seen = np.flatnonzero(surface.ray_hits(*rays).face >= 0)
