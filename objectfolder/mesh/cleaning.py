@@ -8,18 +8,23 @@ itself, does.
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.inner_faces import inner_faces
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.orientation import consistent_patches, outward_orientation
-from objectfolder.mesh.seams import without_seams
 from objectfolder.surface.surface import connected_pieces, edge_table, face_normals_and_areas
 
 MOST_PIECES = 2000
 """Not connected to one another; what lies in what is asked of every pair. Furniture has up to 1,200."""
 
 NESTED_REMEDY = "If the object is hollow, turn their faces inwards"
+
+WIDEST_SEAM = 1e-4
+"""Gap over the longest side between rims that lie on one another but for rounding; scans are noisier."""
 
 _SHORTEST_NORMAL = 1e-6
 """Normals are written with length one; shorter ones are rounding."""
@@ -66,7 +71,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
     enclose nothing; where such faces repeat a face of the surface one stays (see `_folded_and_repeated`), and
     where a whole patch is given a second time, back to back, one layer of it (see `_without_layers`). So do
     faces with solid on both sides (see `inner_faces.inner_faces`). Rims that are apart by rounding are made
-    one where that closes the surface (see `seams.without_seams`). Texture coordinates and normals move with
+    one where that closes the surface (see `_without_seams`). Texture coordinates and normals move with
     their corners (see `usable_normals`). Cleaning a clean mesh changes nothing.
 
     Parameters
@@ -95,7 +100,7 @@ def clean(mesh: TexturedMesh, where: str = "mesh") -> tuple[TexturedMesh, Cleani
             "Export a surface with an inside and an outside",
         )
     before = len(np.unique(faces[usable]))
-    faces[usable] = without_seams(positions, faces[usable])
+    faces[usable] = _without_seams(positions, faces[usable])
     seams = before - len(np.unique(faces[usable]))
     usable, inner = _without_inner(positions, faces, usable)
     faces, coordinates = faces[usable], mesh.texture_coordinates[usable]
@@ -252,3 +257,34 @@ def _without_layers(
     of_surface[rows] = doubled[rows] = is_surface[triple.reshape(-1)]
     doubled[rows[first]] = False
     return folded & ~of_surface, doubled
+
+
+def _without_seams(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertex (F, 3) of each corner, those of rims within `WIDEST_SEAM` of one another made one.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) and (F, 3), equal positions welded.
+
+    Returns
+    -------
+    (F, 3) faces, those given where that would not close the surface: what has openings of its own stays as
+    it is, and so does what would lose a face.
+    """
+    table = edge_table(faces)
+    rim = np.unique(table.vertices[table.face_count == 1])
+    if len(rim) == 0:
+        return faces
+    size = float(np.ptp(vertices[faces.reshape(-1)], axis=0).max())
+    pairs = KDTree(vertices[rim]).query_pairs(WIDEST_SEAM * size, output_type="ndarray")
+    if len(pairs) == 0:
+        return faces
+    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(rim),) * 2)
+    _, label = connected_components(graph, directed=False)
+    first = np.unique(label, return_index=True)[1]
+    joined = np.arange(len(vertices))
+    joined[rim] = rim[first[label]]
+    merged = joined[faces]
+    collapsed = (merged == np.roll(merged, 1, axis=1)).any()
+    return faces if collapsed or (edge_table(merged).face_count == 1).any() else merged

@@ -1,4 +1,4 @@
-"""Walls that a scan made too thin, brought to a stated thickness."""
+"""Walls that a scan made too thin, and sheets that bound nothing, brought to a stated thickness."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,16 +6,17 @@ from scipy.spatial import cKDTree
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import distances_across
-from objectfolder.solid.sheets import thick_sheets, unit_offsets
-from objectfolder.surface.openings import LEAST_OPENING, opening_shares, patches_of
+from objectfolder.surface.openings import LEAST_OPENING, apart, opening_shares, patches_of, rim_of
 from objectfolder.surface.surface import Surface, corner_angles, edge_table
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 WALL_REMEDY = "Correct wall_m, or leave it empty for the walls as scanned"
 WALL_SAMPLES = 8000
 CORNER = 0.8  # of the way from the middle of a face to a corner: where thickness is measured
 SMOOTHINGS = 3  # steps to neighbours nearer than the wall is thick: scans are rough
 THICKENING_STEPS = 1000
+LONGEST_OFFSET = 2.0  # a corner of a cube moves by the root of 3
 GAP_SHARE = 1 / 3  # of a gap, the most that the wall on one side of it may take
 
 
@@ -28,7 +29,7 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
     thicker parts move by a mean. What is thick enough stays; nothing becomes thinner. Neither face takes more
     than a third of the gap in front of it, so that no gap closes.
 
-    An open patch with nothing behind it is a sheet, and becomes a wall with two sides (see `sheets`).
+    An open patch with nothing behind it is a sheet, and becomes a wall with two sides (see `_thick_sheets`).
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def thicken(surface: Surface, wall_m: float, name: str = "surface") -> tuple[Sur
         offset = _growth(surface, drawn.points[thin], wall_m)
         surface = Surface(surface.vertices + offset[:, None] * unit_offsets(surface), surface.faces)
     if sheet.any():
-        surface = thick_sheets(surface, sheet, patch, wall_m)
+        surface = _thick_sheets(surface, sheet, patch, wall_m)
     return surface, share
 
 
@@ -131,3 +132,51 @@ def _mean_of_neighbours(
     number = np.bincount(start, defined[end], len(value))
     total = np.bincount(start, np.where(defined[end], value[end], 0.0), len(value))
     return total / np.maximum(number, 1), number > 0
+
+
+def _thick_sheets(surface: Surface, sheet: NDArray[np.bool_], patch: Integers, wall_m: float) -> Surface:
+    """A surface whose sheets have two sides, `wall_m` apart about where they were, and rims between these.
+
+    Parameters
+    ----------
+    sheet
+        (p,) bool, of each patch: what is made thick. Others stay as they are.
+    patch
+        (f,) number of each face.
+    wall_m
+        Metres.
+    """
+    thick = sheet[patch]
+    parted = apart(Surface(surface.vertices, surface.faces[thick]), patch[thick])
+    offset = wall_m / 2 * unit_offsets(parted)
+    count, rim = len(parted.vertices), rim_of(parted.faces)
+    start, end = rim.T
+    sides = np.concatenate(
+        [
+            np.column_stack([end, start, start + count]),
+            np.column_stack([end, start + count, end + count]),
+        ]
+    )
+    faces = np.concatenate([parted.faces, parted.faces[:, ::-1] + count, sides])
+    rest = surface.faces[~thick]
+    return Surface(
+        np.concatenate([parted.vertices + offset, parted.vertices - offset, surface.vertices]),
+        np.concatenate([faces, rest + 2 * count]),
+    )
+
+
+def unit_offsets(surface: Surface) -> Floats:
+    """How each vertex (v, 3) moves when all faces at it move outwards by one: a normal, longer at creases.
+
+    Least squares of the faces' distances, weighted by their angles; directions that the faces hardly differ
+    in are left out, so that a rough surface is moved along its mean normal.
+    """
+    normals, angles = surface.face_normals, corner_angles(surface.vertices, surface.faces)
+    matrix = np.zeros((len(surface.vertices), 3, 3))
+    vector = np.zeros((len(surface.vertices), 3))
+    for corner, angle in zip(surface.faces.T, angles.T, strict=True):
+        np.add.at(matrix, corner, np.einsum("f,fi,fj->fij", angle, normals, normals))
+        np.add.at(vector, corner, angle[:, None] * normals)
+    offset = np.einsum("vij,vj->vi", np.linalg.pinv(matrix, rcond=0.1, hermitian=True), vector)
+    length = np.linalg.norm(offset, axis=1, keepdims=True)
+    return np.asarray(offset * np.minimum(1.0, LONGEST_OFFSET / np.maximum(length, 1e-300)))

@@ -7,8 +7,7 @@ from walled_shapes import cap_volume, spherical_cap
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import local_thickness
-from objectfolder.solid.sheets import unit_offsets
-from objectfolder.solid.thickening import thicken
+from objectfolder.solid.thickening import thicken, unit_offsets
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
