@@ -133,10 +133,12 @@ class Layer:
         pressure *= _lanes(factor)
         displacement *= _lanes(factor)
         touching = _sum(pressure > 0)
-        left = _sum((displacement + gaps) * (pressure > 0))
+        gap_sum = _sum((displacement + gaps) * (pressure > 0))
         for step in range(steps + 1):
             if total is not None:
-                reach = torch.where(touching > 0, torch.minimum(left / touching.clamp_min(1), limit), limit)
+                reach = torch.where(
+                    touching > 0, torch.minimum(gap_sum / touching.clamp_min(1), limit), limit
+                )
             if step == steps:
                 break
             state[:, 1] = reach
@@ -152,15 +154,15 @@ class Layer:
             elastic_bodies.descend((pairs, lanes), pressure, displacement, gaps, state, moved)
             displaced = self.displacement(spare)
             elastic_bodies.compare((pairs, lanes), pressure, displacement, moved, displaced, gaps, sums)
-            work, squared, left, touching = sums.sum(1).unbind(1)
+            work, squared, gap_sum, touching = sums.sum(1).unbind(1)
             state[:, 0] = (work / squared.clamp_min(1e-30)).clamp(1 / self._softest, 1 / self._stiffest)
             field, pressure, spare, moved = spare, moved, field, pressure
             displacement = displaced
         return self._pressed(gaps, pressure, displacement, reach)
 
     def _pressed(self, gaps: Tensor, pressure: Tensor, displacement: Tensor, reach: Tensor) -> Pressed:
-        left = displacement + gaps - _lanes(reach)
-        wrong = torch.where(pressure > 0, left.abs(), -left)
+        gap = displacement + gaps - _lanes(reach)
+        wrong = torch.where(pressure > 0, gap.abs(), -gap)
         nearest = -_most(-gaps)
         scale = reach - nearest
         residual = torch.where(scale > 0, _most(wrong).clamp_min(0) / scale, 0.0)

@@ -190,11 +190,11 @@ def write(
             some = amplitude[part]
             if table.free > table.begin:
                 target[:, table.begin : table.free] += some @ table.onset
-            left = target.shape[1] - table.free
-            if left and some.shape[1]:
+            tail = target.shape[1] - table.free
+            if tail and some.shape[1]:
                 each = some.repeat_interleave(2, dim=1)[:, None, :] * table.coarse
                 product = (each.reshape(-1, each.shape[2]) @ table.fine).reshape(len(some), -1)
-                target[:, table.free :] += product[:, :left]
+                target[:, table.free :] += product[:, :tail]
         if rows is not None:
             sound[rows[part]] = target
 

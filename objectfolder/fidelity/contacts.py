@@ -92,11 +92,11 @@ def sides_showing(surface: Surface, points: np.ndarray, normals: np.ndarray) -> 
     """Return which of `SIDES` shows each of (n, 3) points, few in all, and whether it is in sight."""
     visible = in_sight(surface, points, SIDES)
     well = visible & (SIDES @ normals.T > LEAST_FACING)
-    chosen, left = np.zeros(len(points), dtype=int), well.any(axis=0)
-    while left.any():
-        best = int(np.argmax((well & left).sum(axis=1)))
-        chosen[well[best] & left] = best
-        left &= ~well[best]
+    chosen, rest = np.zeros(len(points), dtype=int), well.any(axis=0)
+    while rest.any():
+        best = int(np.argmax((well & rest).sum(axis=1)))
+        chosen[well[best] & rest] = best
+        rest &= ~well[best]
     return chosen, visible[chosen, np.arange(len(points))]
 
 

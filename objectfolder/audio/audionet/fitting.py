@@ -194,9 +194,9 @@ def _fit_smooth(
             return fields, None, system
         if count >= MANY_POINTS or count == counts[-1]:
             corrected, weight = _corrected(fields, fitted, tested)
-            error, left = (_errors(candidate, tested)[0] for candidate in (fields, corrected))
+            error, corrected_error = (_errors(candidate, tested)[0] for candidate in (fields, corrected))
             if (
-                left < CORRECTION_RATIO * error
+                corrected_error < CORRECTION_RATIO * error
                 or bytes_rounded(fields, ROUNDING_SHARE * error) > ROOM_USED * room
             ):
                 break

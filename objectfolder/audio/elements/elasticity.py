@@ -217,10 +217,12 @@ def gains_of_more_functions(
         )
         residual += np.asarray(gather @ excess)
         diagonal += np.asarray(gather @ own)
-    left = np.flatnonzero(~chosen)
+    candidates = np.flatnonzero(~chosen)
     result = np.zeros((space.size, modes))
-    residuals = residual[left].reshape(-1, 3, modes)
-    result[left] = np.sum(residuals * np.linalg.solve(diagonal[left].reshape(-1, 3, 3), residuals), axis=1)
+    residuals = residual[candidates].reshape(-1, 3, modes)
+    result[candidates] = np.sum(
+        residuals * np.linalg.solve(diagonal[candidates].reshape(-1, 3, 3), residuals), axis=1
+    )
     return result
 
 
@@ -254,9 +256,9 @@ def most_useful(
     np.minimum.at(first, space.numbers.ravel(), np.repeat(rank, space.numbers.shape[1]))
     arriving = np.zeros((len(order), gains.shape[1]))
     np.add.at(arriving, first, gains)
-    left = gains.sum(axis=0) - np.cumsum(arriving, axis=0)
+    remainder = gains.sum(axis=0) - np.cumsum(arriving, axis=0)
     new = np.cumsum(np.bincount(first[~chosen], minlength=len(order))[: len(order)])
-    enough = np.flatnonzero(np.all(left <= allowed, axis=1))
+    enough = np.flatnonzero(np.all(remainder <= allowed, axis=1))
     elements = min(
         int(enough[0]) + 1 if len(enough) else len(order), int(np.searchsorted(new, at_most, "right"))
     )

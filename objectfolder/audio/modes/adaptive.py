@@ -284,8 +284,8 @@ def _enriched(choice: Choice, space: Space, goal: Goal) -> Choice:
         allowed = SHARE_LEFT * goal.accuracy_cents / cents
         additions = most_useful(upper.space, gains[:, heard], used, allowed, room)
     foretold = gains[additions].sum(axis=0)
-    left = cents * (gains.sum(axis=0) - foretold)
-    choice = replace(choice, leading=leading, foretold=foretold, left_cents=left)
+    omitted_cents = cents * (gains.sum(axis=0) - foretold)
+    choice = replace(choice, leading=leading, foretold=foretold, left_cents=omitted_cents)
     if len(additions) == 0:
         return choice
     used[additions] = True
@@ -349,15 +349,15 @@ def _remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     if len(modes) == 0 or len(ladder) == 1:
         return np.zeros(0)
     relative = np.stack([values[modes] / eta_squared[modes] for values in ladder])
-    left = np.zeros(len(modes))
+    omitted_cents = np.zeros(len(modes))
     if len(choice.leading):
         above = np.minimum(np.searchsorted(choice.leading, modes), len(choice.leading) - 1)
         below = np.maximum(np.searchsorted(choice.leading, modes, side="right") - 1, 0)
-        left = np.maximum(choice.left_cents[above], choice.left_cents[below])
+        omitted_cents = np.maximum(choice.left_cents[above], choice.left_cents[below])
     drops = np.maximum(relative[:-1] - relative[1:], 0)
     to_come = CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drops, GEOMETRY_ORDER + len(drops))
-    cents = np.full(len(eta_squared), (left + to_come).max())
-    cents[modes] = left + to_come
+    cents = np.full(len(eta_squared), (omitted_cents + to_come).max())
+    cents[modes] = omitted_cents + to_come
     return cents
 
 

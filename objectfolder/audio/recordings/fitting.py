@@ -250,8 +250,8 @@ def _solve(
         aim = np.concatenate([matching.cents / error, -holding @ values])
         step, *_ = np.linalg.lstsq(design, aim, rcond=None)
         values = values + step
-        left = (matching.cents - every[matching.modes] @ step) / error
-        excess = max(1.0, float((left**2).sum()) / max(len(left) - len(names), 1))
+        residuals = (matching.cents - every[matching.modes] @ step) / error
+        excess = max(1.0, float((residuals**2).sum()) / max(len(residuals) - len(names), 1))
         covariance = np.linalg.inv(design.T @ design) * excess
     modes_hz = body.frequencies_hz * np.exp(every @ values / CENTS)
     if pairs is None:

@@ -135,13 +135,13 @@ def ring(
     columns = columns[bank.order]
     delay = delay_s * oscillators.sample_rate_hz
     begin = min(math.ceil(delay), sound.shape[1])
-    left = sound.shape[1] - begin
-    most = max(1, BANK_NUMBERS // max(1, left + 4 * len(columns)))
+    samples = sound.shape[1] - begin
+    most = max(1, BANK_NUMBERS // max(1, samples + 4 * len(columns)))
     for rows, common in _groups(pulses, len(amplitudes), most):
         chunk = np.asarray(amplitudes[rows], dtype=np.float64)
         if not np.isfinite(chunk).all():
             raise QueryError("amplitudes", "not finite", "Give finite impulses.")
-        onset, coefficients = bank.onset(chunk[:, columns], common, math.ceil(delay) - delay, left)
+        onset, coefficients = bank.onset(chunk[:, columns], common, math.ceil(delay) - delay, samples)
         # Written in place where the kernel can: pages of new memory cost more than the sound.
         in_place = isinstance(rows, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
         target = np.asarray(sound[rows]) if in_place else np.empty((len(chunk), sound.shape[1]))

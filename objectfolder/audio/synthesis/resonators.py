@@ -163,7 +163,7 @@ def _ring(steps: Floats, ends: Floats, coefficients: Floats, sound: Floats, begi
     """Add free motions to sounds (n, samples), from coefficients (n, 2, modes), which move to their end."""
     first, second, upper, lower, last = steps[0], steps[1], steps[2], steps[3], steps[4]
     samples = sound.shape[1] - begin
-    left = samples % 16
+    remainder = samples % 16
     for row in range(sound.shape[0]):
         a, b, out = coefficients[row, 0], coefficients[row, 1], sound[row, begin:]
         for low in range(0, len(a), 64):  # modes whose steps fit the nearest cache
@@ -200,15 +200,15 @@ def _ring(steps: Floats, ends: Floats, coefficients: Floats, sound: Floats, begi
                     x, y = a[j], b[j]
                     a[j] = first[16, j] * x + upper[16, j] * y
                     b[j] = lower[16, j] * x + last[16, j] * y
-            for i in range(left):
+            for i in range(remainder):
                 total = 0.0
                 for j in range(low, high):
                     total += first[i, j] * a[j] + second[i, j] * b[j]
-                out[samples - left + i] += total
+                out[samples - remainder + i] += total
             for j in range(low, high):
                 x, y = a[j], b[j]
-                a[j] = first[left, j] * x + upper[left, j] * y
-                b[j] = lower[left, j] * x + last[left, j] * y
+                a[j] = first[remainder, j] * x + upper[remainder, j] * y
+                b[j] = lower[remainder, j] * x + last[remainder, j] * y
 
 
 @relaxed_kernel

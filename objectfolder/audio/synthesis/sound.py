@@ -117,5 +117,5 @@ class Sound(np.ndarray):
         rate = round(self.sample_rate_hz)
         uris = (data_uri("audio/wav", wav_bytes(row[:2], rate)[0]) for row in rows[:MOST_PLAYED])
         players = "".join(f'<div><audio controls src="{uri}"></audio></div>' for uri in uris)
-        left = len(rows) - MOST_PLAYED
-        return players + (f"<div>and {left} more</div>" if left > 0 else "")
+        surplus = len(rows) - MOST_PLAYED
+        return players + (f"<div>and {surplus} more</div>" if surplus > 0 else "")

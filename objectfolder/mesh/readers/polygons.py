@@ -89,11 +89,11 @@ def _ears(points: Floats) -> Indices:
         raise ValueError(f"a concave face of {len(points)} corners, more than {MOST_CONCAVE_CORNERS}")
     flat = _projected(points)
     least = _FLAT * float(np.square(np.ptp(flat, axis=0)).sum())
-    left = np.arange(len(flat))
+    rest = np.arange(len(flat))
     triangles = []
-    while len(left) > 3:
-        before, after = flat[np.roll(left, 1)], flat[np.roll(left, -1)]
-        corner = flat[left]
+    while len(rest) > 3:
+        before, after = flat[np.roll(rest, 1)], flat[np.roll(rest, -1)]
+        corner = flat[rest]
         turn = _cross(corner - before, after - corner)
         reflex = corner[turn <= least]
         for place in np.flatnonzero(turn > least):
@@ -101,9 +101,9 @@ def _ears(points: Floats) -> Indices:
                 break
         else:
             place = int(np.argmin(np.abs(turn)))
-        triangles.append([left[place - 1], left[place], left[(place + 1) % len(left)]])
-        left = np.delete(left, place)
-    return np.array([*triangles, left.tolist()], dtype=np.int64)
+        triangles.append([rest[place - 1], rest[place], rest[(place + 1) % len(rest)]])
+        rest = np.delete(rest, place)
+    return np.array([*triangles, rest.tolist()], dtype=np.int64)
 
 
 def _projected(points: Floats) -> Floats:
