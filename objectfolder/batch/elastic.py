@@ -205,7 +205,7 @@ class ElasticView:
         ]
         self._pixels = sensor.image_height * sensor.image_width
         self._layer, self._body = layer, elastic_bodies.membrane_body(sensor.photometric_table is not None)
-        self._given = samples, *rays, layer.grid, layer.form, *places, *look
+        self._constants = samples, *rays, layer.grid, layer.form, *places, *look
 
     def see(self, pressed: Pressed, slopes: Tensor, images: tuple[Tensor, Tensor, Tensor]) -> None:
         """Fill in rgb, depth and mask of touches whose objects lean by slopes (n, rows, columns, 2)."""
@@ -215,7 +215,7 @@ class ElasticView:
             (count, rows * columns), pressed.pressure_pa, pressed.displacement_m, slopes, self._layer.grid,
             self._layer.form, fields,
         )  # fmt: skip
-        self._body((count, self._pixels), fields, *self._given, *images)
+        self._body((count, self._pixels), fields, *self._constants, *images)
 
 
 def _paired(values: Tensor, kind: torch.dtype) -> Tensor:

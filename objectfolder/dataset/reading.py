@@ -124,7 +124,7 @@ class ProductReader:
         return np.frombuffer(decoded, layout.dtype).reshape(shape)
 
 
-class Kept(Generic[Value]):
+class RecentValues(Generic[Value]):
     """The values used last, made where they are missing; a process forked from another starts with none.
 
     An archive open in two processes would be read at one place of both.
@@ -134,7 +134,7 @@ class Kept(Generic[Value]):
     make
         From a key.
     most
-        How many are kept.
+        How many it holds.
     """
 
     def __init__(self, make: Callable[[Any], Value], most: int) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.audio.synthesis.oscillators import HIGHEST_RATIO
-from objectfolder.dataset.reading import Kept, ProductReader
+from objectfolder.dataset.reading import ProductReader, RecentValues
 from objectfolder.dataset.senses import SENSE_READERS, Sample, Settings
 from objectfolder.errors import FormatError, InputError
 from objectfolder.object_file.object_file import ObjectFile
@@ -80,9 +80,9 @@ class ObjectSamples:
 
     def _open(self) -> None:
         """Start with nothing open."""
-        self._products: Kept[ProductReader] = Kept(self._product, self._open_objects)
-        self._object_files: Kept[ObjectFile] = Kept(self._object_file, self._open_objects)
-        self._queries: Kept[Sample] = Kept(self._query_table, self._open_objects)
+        self._products: RecentValues[ProductReader] = RecentValues(self._product, self._open_objects)
+        self._object_files: RecentValues[ObjectFile] = RecentValues(self._object_file, self._open_objects)
+        self._queries: RecentValues[Sample] = RecentValues(self._query_table, self._open_objects)
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -108,7 +108,7 @@ class ObjectSamples:
         for position, index in enumerate(indices):
             if not -size <= index < size:
                 raise IndexError(f"sample {index} of {size}")
-            place, number = self._found(int(index) % size)
+            place, number = self._place(int(index) % size)
             of_objects.setdefault(place, []).append((position, number))
         samples: list[dict[str, Any]] = [{}] * len(indices)
         for place, requests in of_objects.items():
@@ -134,7 +134,7 @@ class ObjectSamples:
 
     def place(self, index: int) -> tuple[str, int]:
         """Return object id and query of a sample, without reading it; `index` from 0."""
-        place, number = self._found(index)
+        place, number = self._place(index)
         return self.object_ids[place], int(self._rows[place][number])
 
     def ranges(self) -> list[tuple[int, int]]:
@@ -142,7 +142,7 @@ class ObjectSamples:
         ends = self._ends.tolist()
         return list(zip([0, *ends[:-1]], ends, strict=True))
 
-    def _found(self, index: int) -> tuple[int, int]:
+    def _place(self, index: int) -> tuple[int, int]:
         place = int(np.searchsorted(self._ends, index, side="right"))
         return place, index - (int(self._ends[place - 1]) if place else 0)
 

@@ -151,18 +151,18 @@ def standing(
     (a, d, e), (_, b, f), (_, _, c) = body["inertia_kg_m2"]
     whole = file.surface.vertices
     parts = [hull.vertices for hull in hulls] or [whole[ConvexHull(whole).vertices]]
-    meshes = "".join(f'<mesh name="{i}" vertex="{_told(part.ravel())}"/>' for i, part in enumerate(parts))
+    meshes = "".join(f'<mesh name="{i}" vertex="{_text(part.ravel())}"/>' for i, part in enumerate(parts))
     shapes = "".join(f'<geom type="mesh" mesh="{i}"/>' for i in range(len(parts)))
     passing = "".join(f'<exclude body1="world" body2="{name}"/>' for name in through)
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{timestep_s}" cone="elliptic" impratio="10"/>'
         f"<asset>{meshes}</asset><worldbody>"
         f'<geom type="plane" size="1 1 .1"/>{bodies}<body name="object" pos="0 0 {-low[2]}"><freejoint/>'
-        f'<inertial pos="{_told(body["centre_of_mass_m"])}" mass="{body["mass_kg"]}"'
-        f' fullinertia="{_told([a, b, c, d, e, f])}"/>{shapes}</body></worldbody>'
+        f'<inertial pos="{_text(body["centre_of_mass_m"])}" mass="{body["mass_kg"]}"'
+        f' fullinertia="{_text([a, b, c, d, e, f])}"/>{shapes}</body></worldbody>'
         f"<contact>{passing}</contact><actuator>{motors}</actuator></mujoco>"
     )
 
 
-def _told(numbers: Iterable[float]) -> str:
+def _text(numbers: Iterable[float]) -> str:
     return " ".join(repr(float(np.float64(number))) for number in numbers)

@@ -116,8 +116,8 @@ class LiveSound:
     ) -> None:
         self._simulation = simulation
         self._restitution = real("restitution", restitution, 0.0, 1.0)
-        self._others = _matter("others", others)
-        self._known = {name: _matter(f"known[{name!r}]", matter) for name, matter in (known or {}).items()}
+        self._default = _matter("others", others)
+        self._matters = {name: _matter(f"known[{name!r}]", matter) for name, matter in (known or {}).items()}
         self._rest = rest
         self._rate = real("sample_rate_hz", sample_rate_hz, 1e3, 1e6)
         self._samples = whole("block_samples", block_samples, 1, 1 << 20)
@@ -180,7 +180,7 @@ class LiveSound:
         struck, impulse = self._bodies[body], real_array("impulse_n_s", impulse_n_s)
         size = float(np.linalg.norm(impulse))
         if size > 0:
-            contact = struck.matter.against(self._others, struck.mass_kg)
+            contact = struck.matter.against(self._default, struck.mass_kg)
             speed_m_s = float(contact.speed_m_s(size, self._restitution))
             point, bodies = real_array("point_m", point_m), ("hammer", body)
             self._sound(self._simulation.time_s, bodies, point, impulse / size, contact, speed_m_s, size)
@@ -190,7 +190,7 @@ class LiveSound:
         return HeardBody.of(name, file, mass_kg, self._rate, (listener_m - pose[:3, 3]) @ pose[:3, :3])
 
     def _matter(self, name: str) -> Matter:
-        return self._bodies[name].matter if name in self._bodies else self._known.get(name, self._others)
+        return self._bodies[name].matter if name in self._bodies else self._matters.get(name, self._default)
 
     def _held_m_s(self, bodies: tuple[str, str]) -> float:
         """Return the speed of bodies that do not climb each other's roughness: v^2 / 2 < g h."""

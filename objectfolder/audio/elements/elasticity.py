@@ -112,21 +112,21 @@ class ElementMatrices:
 
     def __init__(self, space: Space, poisson_ratio: float) -> None:
         self.space, self.poisson_ratio = space, poisson_ratio
-        self._kept: dict[int, tuple[Floats, Floats]] = {}
+        self._cache: dict[int, tuple[Floats, Floats]] = {}
         self._room = KEPT_VALUES
 
     def __iter__(self) -> Iterator[tuple[Integers, Floats, Floats]]:
         for elements in chunks(self.space):
             name = int(elements[0])
-            if name in self._kept:
-                blocks, masses = self._kept.pop(name)
+            if name in self._cache:
+                blocks, masses = self._cache.pop(name)
                 self._room += blocks.size
             else:
                 cross, masses = element_integrals(self.space, elements)
                 blocks = element_stiffness(cross, self.poisson_ratio)
                 if blocks.size <= self._room:
                     self._room -= blocks.size
-                    self._kept[name] = blocks, masses
+                    self._cache[name] = blocks, masses
             yield elements, blocks, masses
 
 

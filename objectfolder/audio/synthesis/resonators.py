@@ -82,7 +82,7 @@ class Resonators:
         return Resonators(self.oscillators, self.weights, self.order, self.lifetimes, steps)
 
     @cached_property
-    def _held(self) -> dict[float, Floats]:
+    def _ramps(self) -> dict[float, Floats]:
         """`held_steps` by their length."""
         return {}
 
@@ -144,9 +144,9 @@ class Resonators:
         during = min(max(0, math.ceil(ends)), most)
         times = (np.arange(during) + ahead) / self.oscillators.sample_rate_hz
         if isinstance(pulse, ForceProfile):
-            if pulse.step_s not in self._held:
-                self._held[pulse.step_s] = held_steps(pulse.stepped(self.oscillators))
-            heard, end = pulse.response(self.oscillators, self.weights, self._held[pulse.step_s], times)
+            if pulse.step_s not in self._ramps:
+                self._ramps[pulse.step_s] = held_steps(pulse.stepped(self.oscillators))
+            heard, end = pulse.response(self.oscillators, self.weights, self._ramps[pulse.step_s], times)
             onset = amplitudes @ heard.T
         else:
             sine = HalfSine.of(self.oscillators, pulse)

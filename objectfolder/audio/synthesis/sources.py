@@ -34,9 +34,9 @@ class Motion:
 
     def each(self) -> list["Motion"]:
         """Return those of the contacts one by one."""
-        return [self._one(slice(row, row + 1)) for row in range(len(self.shapes))]
+        return [self._at(slice(row, row + 1)) for row in range(len(self.shapes))]
 
-    def _one(self, row: slice) -> "Motion":
+    def _at(self, row: slice) -> "Motion":
         return Motion(self.shapes[row], lambda: self.normals()[row])
 
 

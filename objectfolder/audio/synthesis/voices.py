@@ -69,7 +69,7 @@ class Voices:
         floor_db: float = FLOOR_DB,
     ) -> None:
         columns = np.arange(len(oscillators)) if columns is None else columns
-        self._given = len(oscillators) if all_modes is None else all_modes
+        self._mode_count = len(oscillators) if all_modes is None else all_modes
         self._bank = self._damped = Resonators.of(oscillators, weights, floor_db)
         self._columns = columns[self._bank.order]
         self._ends = -self._bank.lifetimes
@@ -154,8 +154,10 @@ class Voices:
         """
         gains = np.asarray(amplitudes, dtype=np.float64).reshape(-1)
         begin, ahead = self._beginning(at)
-        if gains.shape != (self._given,) or not np.isfinite(gains).all():
-            raise QueryError("amplitudes", f"shape {gains.shape}, or not finite", f"Give ({self._given},).")
+        if gains.shape != (self._mode_count,) or not np.isfinite(gains).all():
+            raise QueryError(
+                "amplitudes", f"shape {gains.shape}, or not finite", f"Give ({self._mode_count},)."
+            )
         lasting_s = pulse_s.duration_s if isinstance(pulse_s, ForceProfile) else pulse_s
         if lasting_s is not None and not 0 < lasting_s < math.inf:
             raise QueryError("pulse_s", f"{lasting_s} s", "Give seconds; None for an ideal impulse.")
@@ -180,10 +182,10 @@ class Voices:
         begin, ahead = self._beginning(at)
         if ahead:
             raise QueryError("at", f"{at}", "Sampled forces begin on a sample.")
-        if pushes.ndim != 2 or fields.shape != (pushes.shape[1], self._given):
+        if pushes.ndim != 2 or fields.shape != (pushes.shape[1], self._mode_count):
             raise QueryError(
                 "gains, forces_n",
-                f"shapes {fields.shape} and {pushes.shape} for {self._given} modes",
+                f"shapes {fields.shape} and {pushes.shape} for {self._mode_count} modes",
                 "Give (directions, modes) and (k, directions).",
             )
         if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
@@ -202,7 +204,7 @@ class Voices:
             Of the first of all modes, 0 of the others, instead of what was added before. Frequencies stay;
             what is forced meanwhile is damped as if its force came in the middle.
         """
-        every = np.zeros(self._given)
+        every = np.zeros(self._mode_count)
         every[: len(added_per_s)] = added_per_s
         self._added = every[self._columns] if every.any() else None
         self._damped = self._bank if self._added is None else self._bank.damped(self._added)

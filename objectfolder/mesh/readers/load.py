@@ -25,7 +25,7 @@ from objectfolder.mesh.readers.textures import opaque, read_texture
 from objectfolder.mesh.readers.three_mf import read_three_mf
 from objectfolder.mesh.up_axis import check_up_axis, up_axis, z_up
 
-Kept = TypeVar("Kept")
+Value = TypeVar("Value")
 
 _READERS = {
     ".obj": read_obj,
@@ -161,7 +161,7 @@ def _with_distinct_textures(mesh: TexturedMesh) -> TexturedMesh:
             indices.append(index)
         index_of[index] = distinct[key]
 
-    def renumbered(by_texture: Mapping[int, Kept]) -> dict[int, Kept]:
+    def renumbered(by_texture: Mapping[int, Value]) -> dict[int, Value]:
         return {new: by_texture[old] for new, old in enumerate(indices) if old in by_texture}
 
     return replace(

@@ -167,7 +167,7 @@ def read_material_library(mesh: Path, library: str) -> dict[str, ObjMaterial]:
                 current.glass = values[:1] in [[value] for value in _GLASS]
             elif keyword.lower() in _PICTURES and names_a_file:
                 # Others than base colours need not be there.
-                if image := _found_texture(mesh, path, _file_name(line.strip(), where, moved=True)):
+                if image := _nearest_texture(mesh, path, _file_name(line.strip(), where, moved=True)):
                     current.pictures[keyword.lower()] = image
             elif keyword.lower() == "map_kd" and names_a_file:
                 current.texture = _texture_file(mesh, path, line, where)
@@ -266,7 +266,7 @@ def _read_normals(material: ObjMaterial, mesh: Path, library: Path, line: str, w
     if keyword.lower() in _NORMALS:
         material.normal_map = _texture_file(mesh, library, line, where)
     else:
-        material.bump_map = _found_texture(mesh, library, _file_name(line.strip(), where))
+        material.bump_map = _nearest_texture(mesh, library, _file_name(line.strip(), where))
     if "-bm" in values[:-1] and _is_number(scale := values[values.index("-bm") + 1]):
         material.bump_scale = float(np.clip(np.nan_to_num(float(scale)), -1e3, 1e3))
 
@@ -376,7 +376,7 @@ def _is_number(text: str) -> bool:
 def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
     """Where the texture is: as written, beside the library, or in the folders scans come with."""
     written = _file_name(line.strip(), where)
-    file = _found_texture(mesh, library, written)
+    file = _nearest_texture(mesh, library, written)
     if file is not None:
         return file
     outside = not lies_within(library.parent / PureWindowsPath(written).as_posix(), _outermost(mesh))
@@ -390,7 +390,7 @@ def _texture_file(mesh: Path, library: Path, line: str, where: str) -> Path:
     )
 
 
-def _found_texture(mesh: Path, library: Path, written: str) -> Path | None:
+def _nearest_texture(mesh: Path, library: Path, written: str) -> Path | None:
     names: list[str] = []
     for name in dict.fromkeys([written, without_comment(written)]):
         base = PureWindowsPath(name).name

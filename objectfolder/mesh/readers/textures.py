@@ -228,21 +228,21 @@ class TextureReader:
 
     def __init__(self, where: str) -> None:
         self._where = where
-        self._known: dict[object, np.ndarray] = {}
+        self._images: dict[object, np.ndarray] = {}
         self._counted: dict[int, np.ndarray] = {}
         self._bytes = 0
 
     def file(self, path: Path) -> np.ndarray:
         """Read an image file as (h, w, 4) uint8 RGBA; see `read_texture`."""
-        if path not in self._known:
-            self._known[path] = self.count(read_texture(path))
-        return self._known[path]
+        if path not in self._images:
+            self._images[path] = self.count(read_texture(path))
+        return self._images[path]
 
     def data(self, key: object, data: bytes, where: str) -> np.ndarray:
         """Decode an image file's bytes as (h, w, 4) uint8 RGBA; see `decode_texture`."""
-        if key not in self._known:
-            self._known[key] = self.count(decode_texture(data, where))
-        return self._known[key]
+        if key not in self._images:
+            self._images[key] = self.count(decode_texture(data, where))
+        return self._images[key]
 
     def count(self, image: np.ndarray) -> np.ndarray:
         """Return an image that the mesh will hold, counted once.
