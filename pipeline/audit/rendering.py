@@ -52,8 +52,8 @@ def audit_text(
         groups=groups(audit),
         most=GROUPS,
         stages=[COLUMNS, *((total.stage, *total.cells) for total in stages)] if stages else [],
-        fidelity=_fidelity_rows(felt[:FIDELITY_ROWS]),
-        means=_fidelity_rows(audit.means),
+        fidelity=fidelity_rows(felt[:FIDELITY_ROWS]),
+        means=fidelity_rows(audit.means),
         unshown=len(felt[FIDELITY_ROWS:]),
         smaller=len(audit.fidelity) - len(felt),
         cost=cost(stages),
@@ -62,7 +62,7 @@ def audit_text(
     )
 
 
-def _fidelity_rows(changes: Sequence[FidelityChange]) -> list[tuple[str, ...]]:
+def fidelity_rows(changes: Sequence[FidelityChange]) -> list[tuple[str, ...]]:
     """Return a table of changes with its head; nothing for no change."""
     head = ("object", "measure", "before", "after", "change")
     rows: list[tuple[str, ...]] = [head] if changes else []

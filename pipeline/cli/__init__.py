@@ -55,8 +55,8 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     ),
     "Versions": (versions.audit, versions.verify, versions.history),
     "Publishing": (
-        publishing.cards, publishing.get, publishing.export, publishing.export_samples, publishing.gallery,
-        publishing.scene, publishing.demo, publishing.play,
+        publishing.cards, publishing.release, publishing.get, publishing.export, publishing.export_samples,
+        publishing.gallery, publishing.scene, publishing.demo, publishing.play,
     ),
 }  # fmt: skip
 

@@ -50,6 +50,7 @@ EXAMPLES = {
     "verify": ("verify", "verify v1 --recompute 3"),
     "history": ("history mug",),
     "cards": ("cards",),
+    "release": ("release v2 -o ../for-hugging-face",),
     "get": ("get https://example.org/objects.git@v1 mug -o objects", "get ../objects --list"),
     "export": (
         "export mug.safetensors --format gltf -o mug-gltf",

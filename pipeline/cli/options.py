@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-PLACE = "OBJECTFOLDER_CLUSTER"
+PLACE, STORE = "OBJECTFOLDER_CLUSTER", "OBJECTFOLDER_REMOTE"
 UNIT = re.compile(r"_(m_s|m|s|hz|kg|deg|n)$")
 
 
@@ -30,7 +30,7 @@ MeshOrFile = Annotated[
 ]
 Materials = Annotated[Path, Parameter(help="materials table (CSV)")]
 Json = Annotated[bool, Parameter(help="print JSON")]
-Remote = Annotated[str, Parameter(help="DVC remote to read from (default: the repository's)")]
+Remote = Annotated[str, Parameter(env_var=STORE, help="DVC remote to read from (default: the repository's)")]
 Cluster = Annotated[
     str | None,
     Parameter(env_var=PLACE, help="where to run: a name in cluster/, a YAML file or a scheduler's address"),

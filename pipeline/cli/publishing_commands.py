@@ -1,6 +1,7 @@
 """Commands around a published data set: cards, get, export, gallery, play."""
 
 import json as json_text
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -48,6 +49,39 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
 
         written = write_cards(root, output or root / REPORTS)
     print("\n".join(map(str, written)))
+
+
+def release(
+    name: str,
+    /,
+    *,
+    since: str = "",
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    remote: Remote = "",
+    json: Json = False,
+    root: Root = Path("."),
+) -> None:
+    """Check the data set, write its cards and changelog, commit them and tag the commit; nothing is pushed.
+
+    Parameters
+    ----------
+    name
+        v and a number, as v2 or v2.1.0
+    since
+        the release before, a git revision (default: the last tag of this form)
+    output
+        a new folder for Hugging Face, whose README is the data card
+    """
+    with status_line(f"releasing {name}") as show:
+        from pipeline.dataset.stages import STAGES
+        from pipeline.publish.release.release import release as released
+
+        day = datetime.now(UTC).date()
+        stages = tuple(STAGES.values())
+        summary = released(
+            root.absolute(), name, stages, day=day, since=since, remote=remote, output=output, progress=show
+        )
+    print_result(summary, json=json)
 
 
 def get(
