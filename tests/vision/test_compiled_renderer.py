@@ -13,7 +13,7 @@ from vision_shapes import sphere
 from objectfolder.errors import FormatError, QueryError
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
-from objectfolder.vision.compiled.renderer import LIGHTS_IN_TURN
+from objectfolder.vision.compiled.shading import LIGHTS_IN_TURN
 from objectfolder.vision.compositing import composite_on_white
 from tests.drawn_examples import few_examples
 
@@ -202,5 +202,5 @@ def test_highlights_smaller_than_a_pixel_are_met(monkeypatch):
         return float(np.mean((net.render(pose, light, 24, 39.6)[0] - expected) ** 2))
 
     fine = error()
-    monkeypatch.setattr("objectfolder.vision.compiled.renderer.SHARP", np.inf)
+    monkeypatch.setattr("objectfolder.vision.compiled.lamp_images.SHARP", np.inf)
     assert fine < 0.5 * error()
