@@ -28,6 +28,8 @@ def verify_object(request: Request) -> Timed:
             f"sight is learned from {np.count_nonzero(~views['held_out'])} views: "
             f"no map of base colours holds {len(encoded.surface.faces)} faces"
         )
+    if "glass" in record["material"]["name"].lower():
+        body["warnings"].append("glass is drawn opaque, as a glossy surface: no light passes through it")
     named = encoded.with_description(
         body=body,
         object={"id": request.object_id, **{key: record[key] for key in DESCRIBED}},
