@@ -74,20 +74,20 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
         np.float64
     )
     small = sensor.at_resolution(*shape)
-    seen = whole.reshape(shape[0], AVERAGED_PX, shape[1], AVERAGED_PX, 3).mean(axis=(1, 3)) / 255
-    changed = (np.abs(seen - ray_grid(small, 1).gel_values.reshape(seen.shape)) > CHANGE).any(axis=-1)
+    colours = whole.reshape(shape[0], AVERAGED_PX, shape[1], AVERAGED_PX, 3).mean(axis=(1, 3)) / 255
+    changed = (np.abs(colours - ray_grid(small, 1).gel_values.reshape(colours.shape)) > CHANGE).any(axis=-1)
     if not changed.any():
         return PictureForce(0.0, 0.0)
     shadows, height, light = shadow_caster(small), np.zeros(shape), np.ones(1)
     for _ in range(SEARCH_ROUNDS if shadows is not None or sensor.indentation_response is None else 1):
         place = pixel_places(small, height)
-        slopes = pixel_slopes(small, np.minimum(seen / light, 1.0), changed, place)
+        slopes = pixel_slopes(small, np.minimum(colours / light, 1.0), changed, place)
         height = _height(*slopes)
         height -= np.median(height[~changed]) if not changed.all() else 0.0
         if shadows is not None:
             light = np.maximum(shadows.light(np.maximum(height, 0).astype(np.float32)), LEAST_LIGHT)
     if sensor.indentation_response is not None:
-        return _force_beside_response(seen / light, height, slopes, place, small)
+        return _force_beside_response(colours / light, height, slopes, place, small)
     contact, level, _ = _contact(small, height, slopes, place, BORDER_LEVELS)
     if contact.reaches_border:
         raise QueryError("picture", BEYOND, "Press nearer the middle.")
@@ -100,11 +100,11 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
 
 
 def _force_beside_response(
-    seen: Floats, height: Floats, slopes: tuple[Floats, Floats], place: Floats, sensor: Sensor
+    colours: Floats, height: Floats, slopes: tuple[Floats, Floats], place: Floats, sensor: Sensor
 ) -> PictureForce:
     """Force of a picture whose gel beyond the contact is seen by an indentation response."""
-    gel = ray_grid(sensor, 1).gel_values.reshape(seen.shape).astype(np.float64)
-    answer = ResponseContact(np.minimum(seen, 1.0), gel, sensor).solve(height, slopes, place)
+    gel = ray_grid(sensor, 1).gel_values.reshape(colours.shape).astype(np.float64)
+    answer = ResponseContact(np.minimum(colours, 1.0), gel, sensor).solve(height, slopes, place)
     if answer is None:
         raise QueryError("picture", "no round contact explains it", "Press something round, in its middle.")
     if answer[1] > UNEXPLAINED:

@@ -28,10 +28,10 @@ def pixel_places(sensor: Sensor, height: Floats) -> Floats:
 
 
 def pixel_slopes(
-    sensor: Sensor, seen: Floats, changed: NDArray[np.bool_], place: Floats
+    sensor: Sensor, colours: Floats, changed: NDArray[np.bool_], place: Floats
 ) -> tuple[Floats, Floats]:
     """Rises (rows, columns) of the displacement from row to row and from column to column, by colours."""
-    at, target = place[:, changed], seen[changed]
+    at, target = place[:, changed], colours[changed]
     gel = np.stack(gel_slopes(sensor, at[1], at[2]))
 
     def values(which: NDArray[np.intp], slope: Floats) -> Floats:
@@ -39,8 +39,8 @@ def pixel_slopes(
         return shade(sensor, at[:, which], normals).astype(np.float64)
 
     def response(slope: Floats) -> Floats:
-        here = values(each, slope)
-        moved = [(values(each, slope + STEP * axis[:, None]) - here) / STEP for axis in np.eye(2)]
+        base = values(each, slope)
+        moved = [(values(each, slope + STEP * axis[:, None]) - base) / STEP for axis in np.eye(2)]
         return np.stack(moved, axis=-1)
 
     def error(which: NDArray[np.intp], slope: Floats) -> tuple[Floats, Floats]:

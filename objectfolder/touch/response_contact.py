@@ -57,10 +57,10 @@ class ResponseContact:
         With a response, of the picture's size.
     """
 
-    def __init__(self, seen: Floats, gel: Floats, sensor: Sensor) -> None:
+    def __init__(self, colours: Floats, gel: Floats, sensor: Sensor) -> None:
         assert sensor.indentation_response is not None
-        self._seen, self._gel, self._sensor = seen, gel, sensor
-        self._response = ResponseField(sensor.indentation_response, *seen.shape[:2])
+        self._colours, self._gel, self._sensor = colours, gel, sensor
+        self._response = ResponseField(sensor.indentation_response, *colours.shape[:2])
         thickness = sensor.gel_thickness_m
         self._elastomer = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, thickness)
 
@@ -82,7 +82,7 @@ class ResponseContact:
         for _ in range(BORDER_ROUNDS):
             nearer = _border(self._departure(border, contact))
             place = pixel_places(self._sensor, np.maximum(contact.displacement_m, 0))
-            rises = pixel_slopes(self._sensor, self._seen, nearer, place)
+            rises = pixel_slopes(self._sensor, self._colours, nearer, place)
             solved = self._contact(nearer, rises, place, 0.002)
             if solved is None or self._unexplained(nearer, solved) > WORSE * unexplained:
                 break
@@ -119,7 +119,7 @@ class ResponseContact:
     def _departure(self, border: Region, contact: Contact) -> Floats:
         """How far (rows, columns) the picture is from the gel and its response, as if nothing touched it."""
         change = self._response.change(np.where(border, np.maximum(contact.displacement_m, 0), 0.0))
-        return np.asarray(np.linalg.norm(self._seen - self._gel - change, axis=-1))
+        return np.asarray(np.linalg.norm(self._colours - self._gel - change, axis=-1))
 
     def _contact(
         self, border: Region, slopes: tuple[Floats, Floats], place: Floats, exactness: float
@@ -186,17 +186,17 @@ def _heights(down: Floats, right: Floats, region: Region) -> Floats:
     for axis, slope in enumerate((down, right)):
         along, moved = np.moveaxis(number, axis, 0), np.moveaxis(slope, axis, 0)
         later, earlier = along[1:], along[:-1]
-        both = (later >= 0) & (earlier >= 0)
-        pairs.append(np.stack([later[both], earlier[both]]))
-        rises.append(((moved[1:] + moved[:-1]) / 2)[both])
+        joined = (later >= 0) & (earlier >= 0)
+        pairs.append(np.stack([later[joined], earlier[joined]]))
+        rises.append(((moved[1:] + moved[:-1]) / 2)[joined])
     ends, rise = np.concatenate(pairs, axis=1), np.concatenate(rises)
     each = np.arange(len(rise))
     signs = np.concatenate([np.ones(len(rise)), -np.ones(len(rise))])
     shape = (len(rise), int(region.sum()))
     edges: Any = coo_array((signs, (np.tile(each, 2), ends.ravel())), shape).tocsr()
     # The first height is free: it is held at 0.
-    held = coo_array(([1.0], ([0], [0])), (shape[1], shape[1]))
-    heights = spsolve((edges.T @ edges + held).tocsc(), edges.T @ rise)
+    anchor = coo_array(([1.0], ([0], [0])), (shape[1], shape[1]))
+    heights = spsolve((edges.T @ edges + anchor).tocsc(), edges.T @ rise)
     whole = np.full(region.shape, -np.inf)
     whole[region] = heights - heights.max()
     return whole

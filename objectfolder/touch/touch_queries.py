@@ -182,8 +182,8 @@ class TouchQueries:
         >>> reach.at_some_roll.tolist(), reach.best_roll_deg.tolist()
         ([True], [0.0])
         """
-        asked = Press(depth_m, None, tilt_deg, azimuth_deg, roll_deg)
-        return self.net.reach(self.contacts.project(points).points, asked, rolls)
+        press = Press(depth_m, None, tilt_deg, azimuth_deg, roll_deg)
+        return self.net.reach(self.contacts.project(points).points, press, rolls)
 
     @renamed_keywords(count="n")
     def sample_contacts(

@@ -71,7 +71,7 @@ def _lowest(triangles, y, z, least):
 
     `triangles` are in the sensor frame, metres; `y` (columns,) and `z` (rows,) descend.
     """
-    found = np.full((len(z), len(y)), np.inf)
+    heights = np.full((len(z), len(y)), np.inf)
     for face in range(len(triangles)):
         a, b, c = triangles[face, 0], triangles[face, 1], triangles[face, 2]
         low, high = min(min(a[0], b[0]), c[0]), max(max(a[0], b[0]), c[0])
@@ -93,6 +93,6 @@ def _lowest(triangles, y, z, least):
                     continue
                 x = (first * a[0] + second * b[0] + third * c[0]) / area
                 x = min(max(x, low), high)
-                if x >= least and x < found[row, column]:
-                    found[row, column] = x
-    return found
+                if x >= least and x < heights[row, column]:
+                    heights[row, column] = x
+    return heights

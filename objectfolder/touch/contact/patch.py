@@ -27,12 +27,12 @@ class FacePatches:
 
     def __init__(self, surface: Surface) -> None:
         surface = _welded(surface)
-        kept = surface.face_areas > 0
-        if not kept.any():
+        usable = surface.face_areas > 0
+        if not usable.any():
             raise QueryError("surface", "no face has an area", "Touch needs a surface.")
-        if not kept.all():
-            normals = None if surface.normals is None else surface.normals[kept]
-            surface = Surface(surface.vertices, surface.faces[kept], normals=normals)
+        if not usable.all():
+            normals = None if surface.normals is None else surface.normals[usable]
+            surface = Surface(surface.vertices, surface.faces[usable], normals=normals)
         self.surface = surface
         self.triangles = surface.vertices[surface.faces]
         self.face_normals = surface.face_normals
@@ -58,10 +58,10 @@ class FacePatches:
         starts = np.empty(len(points) + 1, dtype=np.int64)
         while True:
             faces = np.empty(self._in_balls * len(points), dtype=np.int64)
-            found = tree_queries.in_balls(self._boxes, self._order, points, radius, starts, faces)
-            if found <= len(faces):
-                return starts, faces[:found]
-            self._in_balls = -(-found // len(points))
+            count = tree_queries.in_balls(self._boxes, self._order, points, radius, starts, faces)
+            if count <= len(faces):
+                return starts, faces[:count]
+            self._in_balls = -(-count // len(points))
 
     def near_gel(
         self, pose: np.ndarray, gel: np.ndarray, least: float
@@ -74,7 +74,7 @@ class FacePatches:
         while True:
             room = self._near + 1
             faces, corners, bounds = np.empty(room, dtype=np.int64), np.empty((room, 3, 3)), np.empty(room)
-            found = tree_queries.near_gel(
+            count = tree_queries.near_gel(
                 self._boxes,
                 self._order,
                 self.triangles,
@@ -86,9 +86,9 @@ class FacePatches:
                 corners,
                 bounds,
             )
-            if found < room:
-                return faces[:found], corners[:found], bounds[:found]
-            self._near = found
+            if count < room:
+                return faces[:count], corners[:count], bounds[:count]
+            self._near = count
 
     def enters_box(self, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether any face enters the open box between corners (3,) in the frame of `pose` (4, 4)."""

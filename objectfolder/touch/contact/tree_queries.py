@@ -121,7 +121,7 @@ def closest(boxes, order, triangles, points, stack, face, barycentric):
 def in_balls(boxes, order, points, radius, starts, faces):
     """Write the answer of `patch.FacePatches.in_balls`, as far as there is room; return the faces found."""
     leaves = len(order)
-    found = 0
+    count = 0
     starts[0] = 0
     reach = radius * radius * (1 + ROUNDING)
     for i in range(len(points)):
@@ -136,12 +136,12 @@ def in_balls(boxes, order, points, radius, starts, faces):
                 for slot in range(order.shape[1]):
                     face = order[node - leaves + 1, slot]
                     if face >= 0:
-                        if found < len(faces):
-                            faces[found] = face
-                        found += 1
+                        if count < len(faces):
+                            faces[count] = face
+                        count += 1
             node = _behind(node)
-        starts[i + 1] = found
-    return found
+        starts[i + 1] = count
+    return count
 
 
 @kernel
@@ -263,7 +263,7 @@ def near_gel(boxes, order, triangles, pose, gel, least, box, faces, corners, bou
     Working memory are `box` (6,), and one row more of the others than there is room for.
     """
     leaves, room = len(order), len(faces) - 1
-    found, node = 0, np.int64(0)
+    count, node = 0, np.int64(0)
     while node >= 0:
         _bound_box(boxes[node], pose, box)
         near = _indentation_bound(box, gel) > least
@@ -274,12 +274,12 @@ def near_gel(boxes, order, triangles, pose, gel, least, box, faces, corners, bou
             for slot in range(order.shape[1]):
                 face = order[node - leaves + 1, slot]
                 if face >= 0:
-                    row = min(found, room)
+                    row = min(count, room)
                     _transform(triangles[face], pose, corners[row])
                     _bound_triangle(corners[row], box)
                     bounds[row] = _indentation_bound(box, gel)
                     if bounds[row] > least:
                         faces[row] = face
-                        found += 1
+                        count += 1
         node = _behind(node)
-    return found
+    return count

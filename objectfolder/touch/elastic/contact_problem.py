@@ -142,8 +142,8 @@ def solve_contact(
         return Contact(nothing, nothing.copy(), gap - fixed, fixed, pitch, 0.0, 0)
     start = _start(gap, reach, initial_pressure_pa)
     total = None if force_n is None else force_n / (pitch[0] * pitch[1])
-    wanted = (gap < reach) | (start > 0)
-    return _solved(gap, pitch, elastomer, start, wanted, fixed, total, tolerance, maximum_iterations)
+    cells = (gap < reach) | (start > 0)
+    return _solved(gap, pitch, elastomer, start, cells, fixed, total, tolerance, maximum_iterations)
 
 
 def force_depth_curve(
@@ -220,18 +220,18 @@ def _solved(
     pitch: tuple[float, float],
     elastomer: Elastomer,
     start: np.ndarray,
-    wanted: np.ndarray,
+    cells: np.ndarray,
     indentation: float | None,
     total: float | None,
     tolerance: float,
     maximum_iterations: int,
 ) -> Contact:
-    """Solve on a box of the grid round the cells wanted; grow it until none beyond is in contact."""
+    """Solve on a box of the grid round some cells; grow it until none beyond is in contact."""
     nearest = float(gap.min())
     whole = compliance(elastomer, gap.shape, pitch, gap.shape)
     iterations = 0
     while True:
-        box = _box(wanted)
+        box = _box(cells)
         part = compliance(elastomer, gap.shape, pitch, gap[box].shape)
         pressure, reached, spent = minimise(
             part,
@@ -252,7 +252,7 @@ def _solved(
         missed[box] = False
         if not missed.any():
             break
-        wanted = wanted | missed
+        cells = cells | missed
     touching = start > 0
     residual = max(float(np.abs(left[touching]).max()), -float(left.min())) / scale
     return Contact(start, displacement, left, float(reached), pitch, residual, iterations)
@@ -278,11 +278,11 @@ def _indentation_estimate(
     return float(values.mean() + mean)
 
 
-def _start(gap: np.ndarray, reach: float, given: np.ndarray | None) -> np.ndarray:
+def _start(gap: np.ndarray, reach: float, pressure: np.ndarray | None) -> np.ndarray:
     """Pressure to start from: any multiple of what is right."""
-    if given is not None:
-        loaded = given > 0
-        start = np.where(loaded, given, 0.0)
+    if pressure is not None:
+        loaded = pressure > 0
+        start = np.where(loaded, pressure, 0.0)
         # A pressure where the object is not does no work, and no multiple of it is near.
         if float(((reach - gap[loaded]) * start[loaded]).sum()) > 0:
             return np.asarray(start, dtype=np.float64)
@@ -290,13 +290,13 @@ def _start(gap: np.ndarray, reach: float, given: np.ndarray | None) -> np.ndarra
     return start if start.any() else np.where(gap == gap.min(), 1.0, 0.0)
 
 
-def _box(wanted: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns that hold all wanted cells, in steps."""
+def _box(cells: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns that hold all cells that are true, in steps."""
     slices = []
     for axis in (0, 1):
-        found = np.flatnonzero(wanted.any(axis=1 - axis))
-        size = wanted.shape[axis]
-        length = min(-(-(int(found[-1] - found[0]) + 3) // _BOX_STEP) * _BOX_STEP, size)
-        first = min(max(int(found[0] + found[-1] + 1 - length) // 2, 0), size - length)
+        lines = np.flatnonzero(cells.any(axis=1 - axis))
+        size = cells.shape[axis]
+        length = min(-(-(int(lines[-1] - lines[0]) + 3) // _BOX_STEP) * _BOX_STEP, size)
+        first = min(max(int(lines[0] + lines[-1] + 1 - length) // 2, 0), size - length)
         slices.append(slice(first, first + length))
     return slices[0], slices[1]

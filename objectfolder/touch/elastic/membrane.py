@@ -146,7 +146,7 @@ def _trace(nodes, gel, u, v, gel_depth, near, newton_steps):
     position, normal = np.empty((3, count), np.float32), np.empty((3, count), np.float32)
     displacement, touched = np.empty(count), np.empty(count, np.bool_)
     at = np.empty(4)
-    found = 0
+    hits = 0
     for i in range(count):
         across, up = u[i % len(u)], v[i // len(u)]
         ray = gel_depth[i]
@@ -158,10 +158,10 @@ def _trace(nodes, gel, u, v, gel_depth, near, newton_steps):
         _bilinear(nodes, gel, y, z, at)
         b, c = y - gel[4], z - gel[5]
         tilt = -gel[9] / np.sqrt(gel[8] * gel[8] - (b * b + c * c))
-        sample[found] = i
-        position[0, found], position[1, found], position[2, found] = gel[0] + ray, y, z
-        normal[0, found], normal[1, found], normal[2, found] = -1.0, tilt * b - at[1], tilt * c - at[2]
-        displacement[found] = at[0]
-        touched[found] = at[3] >= 0.5
-        found += 1
-    return sample[:found], position[:, :found], normal[:, :found], displacement[:found], touched[:found]
+        sample[hits] = i
+        position[0, hits], position[1, hits], position[2, hits] = gel[0] + ray, y, z
+        normal[0, hits], normal[1, hits], normal[2, hits] = -1.0, tilt * b - at[1], tilt * c - at[2]
+        displacement[hits] = at[0]
+        touched[hits] = at[3] >= 0.5
+        hits += 1
+    return sample[:hits], position[:, :hits], normal[:, :hits], displacement[:hits], touched[:hits]

@@ -187,13 +187,13 @@ def solve_shear(
     )
 
 
-def _span(wanted: np.ndarray, step: int = 8) -> slice:
-    """First to last wanted place and some beyond, so that few sizes occur."""
-    found = np.flatnonzero(wanted)
-    if len(found) == 0:
+def _span(places: np.ndarray, step: int = 8) -> slice:
+    """First to last place that is true, and some beyond, so that few sizes occur."""
+    indices = np.flatnonzero(places)
+    if len(indices) == 0:
         return slice(0, 0)
-    length = min(-(-int(found[-1] + 1 - found[0]) // step) * step, len(wanted))
-    first = min(int(found[0]), len(wanted) - length)
+    length = min(-(-int(indices[-1] + 1 - indices[0]) // step) * step, len(places))
+    first = min(int(indices[0]), len(places) - length)
     return slice(first, first + length)
 
 

@@ -11,7 +11,7 @@ from objectfolder.jit import kernel, relaxed_kernel
 
 
 @kernel
-def _normal_map(edges, normals, pose, taken):
+def _normal_map(edges, normals, pose, matrix):
     """Write what takes a ray (1, u, v) to the normal of a face (3, 3); return twice the face's area.
 
     Normals are linear in the ray: the sum of the corner normals, each times the distance of the ray from the
@@ -22,12 +22,12 @@ def _normal_map(edges, normals, pose, taken):
     z = edges[0, 2] + edges[1, 2] + edges[2, 2]
     length = math.sqrt(x * x + y * y + z * z)
     for axis in range(3):
-        taken[axis] = 0.0
+        matrix[axis] = 0.0
         for corner in range(3):
             n = normals[corner]
             along = n[0] * pose[0, axis] + n[1] * pose[1, axis] + n[2] * pose[2, axis]
             for k in range(3):
-                taken[axis, k] -= along * edges[corner, k] / length
+                matrix[axis, k] -= along * edges[corner, k] / length
     return length
 
 
@@ -76,7 +76,7 @@ def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose
     nx, ny, nz = normals[0], normals[1], normals[2]
     camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
     gel_x, gel_y, gel_z = gel[0] - camera_x, camera[1] - apex_y, camera[2] - apex_z
-    area, seen, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays)
+    area, count, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays)
     for top in range(np.uint64(0), np.uint64(len(v)), step):
         # Indices that cannot be negative are not tested for it.
         for column in range(np.uint64(extent[top, 0]), np.uint64(extent[top, 1] + 1)):
@@ -84,7 +84,7 @@ def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose
                 face = owner[first, column]
                 if face < 0:
                     continue
-                mark = np.int32(-2) - np.int32(seen)
+                mark = np.int32(-2) - np.int32(count)
                 members, distance, across, up = _take(
                     owner, nearness, shift, v, (first, top + step), column, face, mark
                 )
@@ -92,15 +92,15 @@ def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose
                 m = maps[face]
                 if doubled_area[face] == 0:
                     doubled_area[face] = _normal_map(edges[face], corner_normals[faces[face]], pose, m)
-                nx[seen], ny[seen], nz[seen] = _normal(m, across, up)
+                nx[count], ny[count], nz[count] = _normal(m, across, up)
                 lateral, vertical = gel_y + distance * across, gel_z + distance * up
-                px[seen], py[seen], pz[seen] = camera_x + distance, lateral + apex_y, vertical + apex_z
-                depth[seen] = _indentation(gel_x - distance, lateral, vertical, radius, stretch)
+                px[count], py[count], pz[count] = camera_x + distance, lateral + apex_y, vertical + apex_z
+                depth[count] = _indentation(gel_x - distance, lateral, vertical, radius, stretch)
                 # A ray's surface is d^2 du dv over the cosine between ray and normal.
                 size = doubled_area[face] * abs(inverse[face])
                 area += distance * distance * distance * size * members
-                seen += one
-    return np.int64(seen), area
+                count += one
+    return np.int64(count), area
 
 
 def gather_samples(

@@ -97,12 +97,12 @@ class Simulator:
         rays, view = grid.samples**2, (grid.u, grid.shift, grid.v)
         rgb = camera.no_contact.copy()
         depth, mask = np.zeros(rgb.shape[:2], dtype=np.float32), np.zeros(rgb.shape[:2], dtype=bool)
-        seen = rasterise(
+        raster = rasterise(
             near.triangles, near.bounds, camera.position, *view, camera.gel_nearness, grid.near, rays
         )
-        owner, _, extent, _, _ = seen
+        owner, _, extent, _, _ = raster
         count, positions, normals, sample_depth, area = gather_samples(
-            *seen, self._patches.corner_normals, near.faces, pose, camera.position, self._gel, *view, rays
+            *raster, self._patches.corner_normals, near.faces, pose, camera.position, self._gel, *view, rays
         )
         values = camera.lighting.shade(count, positions, normals)
         resolve(

@@ -55,7 +55,7 @@ def _spread(means, terms, patterns, field):
             indentation = means[row, column]
             if indentation == 0:
                 continue
-            one, two, three = (
+            a, b, c = (
                 indentation * terms[0, row, column],
                 indentation * terms[1, row, column],
                 indentation * terms[2, row, column],
@@ -70,7 +70,7 @@ def _spread(means, terms, patterns, field):
                 )
                 into = field[row + i - reach, start : start + 3 * (right - left)]
                 for k in range(len(into)):
-                    into[k] += one * first[k] + two * second[k] + three * third[k]
+                    into[k] += a * first[k] + b * second[k] + c * third[k]
 
 
 @kernel
@@ -87,8 +87,8 @@ def _add(rgb, depth, field, above, lower, before, after):
                 continue
             first, along = before[column], after[column]
             for channel in range(3):
-                here = line[first, channel]
-                value = rgb[row, column, channel] + here + along * (line[first + 1, channel] - here)
+                base = line[first, channel]
+                value = rgb[row, column, channel] + base + along * (line[first + 1, channel] - base)
                 rgb[row, column, channel] = np.uint8(min(max(value, low), high) + half)
 
 

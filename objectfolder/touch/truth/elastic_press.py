@@ -24,7 +24,7 @@ def press_elastic(
     simulator: Simulator,
     patches: FacePatches,
     sensor: Sensor,
-    asked: Press,
+    query: Press,
     poses: np.ndarray,
     touches: Touches,
 ) -> None:
@@ -54,10 +54,10 @@ def press_elastic(
     SimulationError
         A contact that is not found, see `solve_contact`.
     """
-    shape = _cells(sensor, asked.cell_m)
-    forces = asked.forces(len(poses))
-    depths = asked.depths(len(poses), greatest_depth_m(sensor)) if forces is None else None
-    grid = ray_grid(sensor, asked.samples)
+    shape = _cells(sensor, query.cell_m)
+    forces = query.forces(len(poses))
+    depths = query.depths(len(poses), greatest_depth_m(sensor)) if forces is None else None
+    grid = ray_grid(sensor, query.samples)
     for index, first_touch in enumerate(poses):
         # Another part of the object may meet the gel before the asked point does.
         offset = simulator.approach(first_touch, 0.0).greatest

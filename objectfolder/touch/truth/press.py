@@ -14,7 +14,7 @@ from objectfolder.touch.truth.touches import TOLERANCE_M, Press, Reach, Touches,
 
 
 def press(
-    surface: Surface | FacePatches, sensor: Sensor, points: np.ndarray, asked: Press | None = None
+    surface: Surface | FacePatches, sensor: Sensor, points: np.ndarray, query: Press | None = None
 ) -> Touches:
     """Press the sensor against points of a surface until its gel is indented by a stated depth.
 
@@ -28,7 +28,7 @@ def press(
         Metres. `FacePatches(surface)` saves preparing it again at each call.
     points
         (n, 3) on the surface, object frame, metres; the nearest points of the surface are touched.
-    asked
+    query
         Depth or force, angles, contact model and samples; a millimetre along the normal if None.
 
     Raises
@@ -56,16 +56,16 @@ def press(
     >>> touch.normals.round(6).tolist()
     [[0.0, 0.0, 1.0]]
     """
-    asked = Press() if asked is None else asked
+    query = Press() if query is None else query
     patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
     points = point_rows(points, "points")
-    simulator = Simulator(patches, sensor, asked.samples)
+    simulator = Simulator(patches, sensor, query.samples)
     touches = Touches.empty(len(points), sensor)
-    touches.points[:], touches.normals[:], poses = simulator.stand(points, *asked.angles(len(points)))
-    if asked.contact_model == "elastic":
-        press_elastic(simulator, patches, sensor, asked, poses, touches)
+    touches.points[:], touches.normals[:], poses = simulator.stand(points, *query.angles(len(points)))
+    if query.contact_model == "elastic":
+        press_elastic(simulator, patches, sensor, query, poses, touches)
         return touches
-    depths = asked.depths(len(points), sensor.maximum_depth_m)
+    depths = query.depths(len(points), sensor.maximum_depth_m)
     for index, pose in enumerate(poses):
         _press_one(simulator, sensor, pose, float(depths[index]), touches, index)
     return touches
@@ -82,7 +82,7 @@ def render_poses(
 
 
 def reach(
-    surface: Surface | FacePatches, sensor: Sensor, points: np.ndarray, asked: Press, rolls: int
+    surface: Surface | FacePatches, sensor: Sensor, points: np.ndarray, query: Press, rolls: int
 ) -> "Reach":
     """Try presses at several rolls of the sensor, without images.
 
@@ -90,7 +90,7 @@ def reach(
     ----------
     surface, sensor, points
         As for `press`.
-    asked
+    query
         Depth, tilt and azimuth, and the roll to begin with; the contact is rigid.
     rolls
         How many, evenly round a turn.
@@ -103,8 +103,8 @@ def reach(
     patches = surface if isinstance(surface, FacePatches) else FacePatches(surface)
     simulator = Simulator(patches, sensor, 1)
     points = point_rows(points, "points")
-    depths = asked.depths(len(points), sensor.maximum_depth_m)
-    tilt, azimuth, first = asked.angles(len(points))
+    depths = query.depths(len(points), sensor.maximum_depth_m)
+    tilt, azimuth, first = query.angles(len(points))
     turns = np.arange(rolls) * (2 * np.pi / rolls)
     reachable = np.zeros((len(points), rolls), dtype=bool)
     for column, turn in enumerate(turns):
@@ -144,15 +144,15 @@ def _press_one(
     simulator: Simulator, sensor: Sensor, first_touch: np.ndarray, depth: float, touches: Touches, index: int
 ) -> None:
     """Advance from the pose of first touch, render, and fill row `index` of `touches`."""
-    found = _stand(simulator, first_touch, depth)
-    near, blocked = found.near, found.obstructed
-    touches.sensor_to_object[index] = found.pose
-    touches.first_contact_offset_m[index] = found.offset_m
+    stand = _stand(simulator, first_touch, depth)
+    near, blocked = stand.near, stand.obstructed
+    touches.sensor_to_object[index] = stand.pose
+    touches.first_contact_offset_m[index] = stand.offset_m
     touches.penetration_m[index] = 0.0 if blocked else depth
     touches.saturated[index] = not blocked and depth >= saturation_depth_m(sensor) - TOLERANCE_M
-    touches.reachable[index] = found.reachable
+    touches.reachable[index] = stand.reachable
     if blocked:
         near = replace(near, bounds=np.full_like(near.bounds, -np.inf))
-    image = simulator.see(found.pose, near)
+    image = simulator.see(stand.pose, near)
     touches.rgb[index], touches.depth_m[index], touches.mask[index] = image.rgb, image.depth, image.mask
     touches.contact_area_m2[index] = image.contact_area_m2

@@ -91,8 +91,8 @@ def simulate_touches(
     points = np.concatenate([training, surface.sample(held_out_touches, held_out_seed).points])
     queries = _queries(((len(training), seed), (held_out_touches, held_out_seed)), depth_m, tilt_deg)
     depth, tilt, azimuth = queries.T
-    asked = Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=samples, contact=contact)
-    pressed, untouched = press(surface, sensor, points, asked), no_contact_image(sensor, samples)
+    query = Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=samples, contact=contact)
+    pressed, untouched = press(surface, sensor, points, query), no_contact_image(sensor, samples)
     reachable = float(pressed.reachable.mean()) if len(points) else 0.0
     attributes = {"contact": contact, "samples": samples, "seed": seed, "reachable_fraction": reachable}
     if renderer == COMPILED:
