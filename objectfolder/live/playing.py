@@ -26,7 +26,8 @@ class ClipSummary:
 
     def __str__(self) -> str:
         peak = f"peak {self.peak_pa:.3g} Pa at the camera"
-        return f"{self.file}: {self.collisions} collisions, {peak}, times {self.gain:.3g}"
+        collisions = f"{self.collisions} collision{'' if self.collisions == 1 else 's'}"
+        return f"{self.file}: {collisions}, {peak}, times {self.gain:.3g}"
 
 
 def play(

@@ -10,6 +10,7 @@ from rich.filesize import decimal
 from objectfolder.errors import ObjectFolderError
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.versions import PER_OBJECT, Version
+from pipeline.dataset.counts import counted
 from pipeline.dataset.lock_file import is_folder
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import number
@@ -45,9 +46,9 @@ class Fetch:
     unlisted: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        text = f"{decimal(self.bytes)} in {self.files} files"
+        text = f"{decimal(self.bytes)} in {counted(self.files, 'file')}"
         if self.unknown:
-            text += f", and {self.unknown} files of unknown size"
+            text += f", and {counted(self.unknown, 'file')} of unknown size"
         if self.unlisted:
             text += f", and what {', '.join(self.unlisted)} has, of which the list is unknown"
         parts = ", ".join(f"{path} {decimal(count)}" for path, count in self.by_out.items() if count)

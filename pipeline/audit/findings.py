@@ -11,6 +11,7 @@ from pipeline.audit.change_costs import Fetch
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.reasons import CODE, PARAMETER, UPSTREAM, distinct
 from pipeline.audit.reproducibility import DIFFERENT, EQUAL, WITHIN, Arrays
+from pipeline.dataset.counts import counted
 from pipeline.dataset.differences import Reason
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stages import STAGES
@@ -285,8 +286,8 @@ def cost(stage_totals: Sequence[StageTotal]) -> str:
     if not products:
         return "nothing"
     if not costed:
-        return f"{products} products; what they took is not noted here"
+        return f"{counted(products, 'product')}; what they took is not noted here"
     spent = sum(total.cpu_s for total in stage_totals)
-    return f"{products} products in {spent:.0f} CPU s" + (
+    return f"{counted(products, 'product')} in {spent:.0f} CPU s" + (
         f" (known of {costed})" if costed < products else ""
     )

@@ -12,6 +12,7 @@ from pipeline.audit.fidelity import worst_first
 from pipeline.audit.findings import value
 from pipeline.audit.git import GitRepository
 from pipeline.audit.versions import METRICS, PER_OBJECT
+from pipeline.dataset.counts import counted
 from pipeline.dataset.lock_file import LOCK, Lock, is_folder, read_lock
 
 NAMED = 3  # figures and causes, before the rest are counted
@@ -67,7 +68,7 @@ def _figures(old: Mapping[str, bytes], new: Mapping[str, bytes]) -> list[str]:
         if before != after:
             texts.append(f"{change.measure} {before} -> {after}")
     rest = len(ordered) - len(texts[:NAMED])
-    return texts[:NAMED] + [f"{rest} more mean{'' if rest == 1 else 's'}"] * bool(rest)
+    return texts[:NAMED] + [counted(rest, "more mean")] * bool(rest)
 
 
 def _times(table: bytes | None) -> list[list[str]]:

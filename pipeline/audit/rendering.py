@@ -17,6 +17,7 @@ from pipeline.audit.findings import Audit, change, cost, counts, groups, names, 
 from pipeline.audit.history import GONE, ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
 from pipeline.audit.verification import Verified
+from pipeline.dataset.counts import counted
 from pipeline.dataset.lock_file import MD5
 from pipeline.dataset.measures import BYTES, HEADLINE
 
@@ -112,8 +113,8 @@ def _rendered(template: str, width: int, **context: object) -> str:
         )
 
     environment.filters |= {
-        "wrapped": wrapped, "columns": _columns, "measured": _measured, "names": names, "counted": numbered,
-        "size": decimal, "change": change,
+        "wrapped": wrapped, "columns": _columns, "measured": _measured, "names": names, "numbered": numbered,
+        "counted": counted, "size": decimal, "change": change,
     }  # fmt: skip
     text = environment.get_template(f"{template}.txt.j2").render(context)
     return re.sub(r"\n{3,}", "\n\n", text).strip("\n")

@@ -144,7 +144,7 @@ def test_damaged_lock_of_the_work_tree_is_a_finding(run, made, text):
         assert "damaged: dvc.lock: not a lock file of DVC" in out
         assert "Restore it from git" in out
         # Every product is still held against its own checksums, and nothing else is wrong.
-        assert ": 1 findings" in out
+        assert ": 1 finding\n" in out
     finally:
         lock.write_bytes(whole)
 

@@ -69,6 +69,6 @@ def test_a_recording_alone_and_a_material_that_is_not_given_are_refused(
     assert main(["fit-sound", files[0], files[2]]) == 2
     assert main(["fit-sound", files[1], files[2], "--material", "glass"]) == 1
     errors = capsys.readouterr().err
-    assert "fit-sound: 1 files given. Give recordings, then the mesh." in errors
+    assert "fit-sound: 1 file given. Give recordings, then the mesh." in errors
     assert "--material: not given. Begin from one of ceramic" in errors
     assert "recordings: left out:" in errors

@@ -13,6 +13,7 @@ from rich.text import Text
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.catalogue import read_catalogue, read_rows
 from objectfolder.errors import InputError
+from pipeline.dataset.counts import counted
 from pipeline.dataset.failures import table_text
 from pipeline.dataset.validation import did_you_mean
 from pipeline.intake.check import duplicate_rule, mesh_rules, row_rules
@@ -181,13 +182,10 @@ def text(check: Check, table: Path, width: int) -> str:
         ]
     for looks, ids in _ids_by(check.looks).items():
         lines.append(f"looks  {_ids(ids)}: {looks}")
-    counts = ", ".join(
-        f"{check.count(severity)} {severity}{'' if check.count(severity) == 1 else 's'}"
-        for severity in (ERROR, WARNING, NOTE)
-    )
+    counts = ", ".join(counted(check.count(severity), severity) for severity in (ERROR, WARNING, NOTE))
     accepted = sum(finding.accepted for finding in check.findings)
     lines.append(
-        f"{check.objects} object{'' if check.objects == 1 else 's'}, {check.measured} measured: {counts}"
+        f"{counted(check.objects, 'object')}, {check.measured} measured: {counts}"
         + (f" ({accepted} accepted)" if accepted else "")
     )
     return "\n".join(lines)

@@ -12,10 +12,11 @@ import yaml
 
 import objectfolder
 from objectfolder.products.splits import OBJECT_SPLITS
+from pipeline.dataset.counts import counted
 from pipeline.dataset.measures import REPORTED, number_at
 from pipeline.dataset.stages import STAGES
 from pipeline.publish.cards.licences import Licence
-from pipeline.publish.cards.published_data_set import LIMITS, PER_OBJECT, DataSet, PublishedObject, counted
+from pipeline.publish.cards.published_data_set import LIMITS, PER_OBJECT, DataSet, PublishedObject
 
 SOFTWARE = "ObjectFolder Factory"
 SIZE_CATEGORIES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))

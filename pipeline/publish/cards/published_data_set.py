@@ -16,6 +16,7 @@ from objectfolder.errors import FormatError, InputError
 from objectfolder.products.provenance import canonical_json
 from objectfolder.products.splits import object_split
 from objectfolder.products.store import read_attributes
+from pipeline.dataset.counts import counted
 from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_records
@@ -166,11 +167,6 @@ class DataSet:
         for entry in self.objects:
             groups.setdefault((entry.source, entry.licence.label, entry.attribution), []).append(entry)
         return [groups[key] for key in sorted(groups, key=lambda key: (-len(groups[key]), key))]
-
-
-def counted(number: int, noun: str) -> str:
-    """Return ``1 object`` or ``7 objects``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def read_data_set(root: Path, folder: Path) -> DataSet:

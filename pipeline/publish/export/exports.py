@@ -17,6 +17,7 @@ from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
 from objectfolder.vision.export.transforms import write_transforms
+from pipeline.dataset.counts import counted
 from pipeline.publish.export.object_products import ObjectProducts
 from pipeline.publish.export.summaries import ExportSummary
 from pipeline.publish.queries.requests import Exporting
@@ -63,7 +64,7 @@ def _write_views(products: ObjectProducts, options: Exporting, output: Path) -> 
         products.write_manifest(folder, options.format, figures)
     extra = f", {figures['points']} points" if "points" in figures else ""
     size = f"{views.size[1]} x {views.size[0]} pixels ({held_out} held out)"
-    return figures, f"{len(views)} views of {size}{extra}, {views.frame} frame"
+    return figures, f"{counted(len(views), 'view')} of {size}{extra}, {views.frame} frame"
 
 
 def _write_gltf(products: ObjectProducts, options: Exporting, output: Path) -> tuple[dict[str, Any], str]:

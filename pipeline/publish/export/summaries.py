@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pipeline.dataset.counts import counted
+
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSummary:
@@ -43,6 +45,5 @@ class SceneSummary:
     table_m: float
 
     def __str__(self) -> str:
-        count = len(self.objects)
-        things = f"{count} object{'' if count == 1 else 's'}"
+        things = counted(len(self.objects), "object")
         return f"{self.file}: {things} at rest on a table of {self.table_m:g} m"

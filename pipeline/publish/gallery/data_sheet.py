@@ -8,6 +8,7 @@ import numpy as np
 
 from objectfolder.audio.materials import Material
 from objectfolder.object_file import ObjectFile
+from pipeline.dataset.counts import counted
 from pipeline.dataset.measures import HEADLINE, number_at
 from pipeline.publish.report.templates import TIMES, digits, number
 
@@ -72,9 +73,9 @@ def _modes(file: ObjectFile) -> str:
         return "no sound" if modes.absent else "no audible mode"
     first, last = modes.frequencies_hz[[0, -1]]
     decay_s = math.log(1000) / float(modes.dampings_per_s[0])
-    count = len(modes.eigenvalues)
+    count = counted(len(modes.eigenvalues), "mode")
     return (
-        f"{count} mode{'' if count == 1 else 's'}, {number(first, 0)} to {number(last, 0)} Hz; "
+        f"{count}, {number(first, 0)} to {number(last, 0)} Hz; "
         f"the first falls by 60 dB in {digits(decay_s)} s"
     )
 

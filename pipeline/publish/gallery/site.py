@@ -17,6 +17,7 @@ from objectfolder.errors import InputError
 from objectfolder.fidelity.sheets import webp
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.export.files import MANIFEST, new_folder, write_json
+from pipeline.dataset.counts import counted
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.gallery.data_sheet import data_sheet
@@ -39,8 +40,7 @@ class GallerySummary:
     bytes: int
 
     def __str__(self) -> str:
-        count = len(self.objects)
-        return f"{self.folder}: {count} object{'' if count == 1 else 's'}, {megabytes(self.bytes)}"
+        return f"{self.folder}: {counted(len(self.objects), 'object')}, {megabytes(self.bytes)}"
 
 
 def write_gallery(

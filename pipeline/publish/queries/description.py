@@ -8,6 +8,7 @@ import numpy as np
 
 from objectfolder.mesh.body import told_normals
 from objectfolder.object_file import ObjectFile
+from pipeline.dataset.counts import counted
 from pipeline.dataset.measures import (
     CONDITION_LABELS,
     CONTACT,
@@ -25,7 +26,7 @@ def info_lines(file: ObjectFile, path: Path) -> list[str]:
     modes = file.modes.frequencies_hz
     parts = ", ".join(f"{name} {count}" for name, count in file.bytes_by_part().items())
     silent = "no sound" if file.modes.absent else "no audible mode"
-    sound = f"{len(modes)} modes, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else silent
+    sound = f"{counted(len(modes), 'mode')}, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else silent
     return [
         f"{said['name']} ({said['id']}), {file.description['material']['name']}",
         f"licence      {said['licence']}; {said['attribution']}",

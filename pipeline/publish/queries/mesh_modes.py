@@ -12,6 +12,7 @@ from objectfolder.audio.damping import LOSS_FACTOR
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+from pipeline.dataset.counts import counted
 from pipeline.publish.queries.requests import ModesOfMesh
 
 POINTS = 8  # with mode shapes; the command shows none
@@ -142,7 +143,7 @@ def _damping_line(stated: dict[str, Any], radiation: list[float] | None) -> str:
 def modes_table(result: dict[str, Any]) -> str:
     """Return the result of `solve_modes` for people."""
     count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
-    lines = [f"{count} modes below {limit_hz:.0f} Hz in {result['material']}"]
+    lines = [f"{counted(count, 'mode')} below {limit_hz:.0f} Hz in {result['material']}"]
     if count:
         columns = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
         shown = {name: result[name] for name in columns if name in result}

@@ -12,6 +12,7 @@ import numpy as np
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
+from pipeline.dataset.counts import counted
 from pipeline.publish.queries.requests import FittingOfSound
 
 # Of the highest partial, up to which modes are solved: an object may be softer than the table says.
@@ -38,7 +39,9 @@ def fit_sounds(
         The solver did not reach its accuracy.
     """
     if len(files) < 2:
-        raise InputError("fit-sound", f"{len(files)} files given", "Give recordings, then the mesh.")
+        raise InputError(
+            "fit-sound", f"{counted(len(files), 'file')} given", "Give recordings, then the mesh."
+        )
     *paths, mesh = files
     materials = read_materials(request.materials)
     if request.material is None:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from pipeline.dataset.counts import counted
+
 
 @dataclass(frozen=True, kw_only=True)
 class SampleSummary:
@@ -31,11 +33,11 @@ class RenderSummary:
 
     def __str__(self) -> str:
         if self.turntable:
-            return f"{self.folder}: {self.images} pictures from all round, and turntable.gif"
-        lights = f", {self.lights} light{'s' * (self.lights != 1)}" if self.lights else ""
+            return f"{self.folder}: {counted(self.images, 'picture')} from all round, and turntable.gif"
+        lights = f", {counted(self.lights, 'light')}" if self.lights else ""
         passes = f" with {', '.join(self.passes)}" if self.passes else ""
         size = f"{self.height} x {self.width} pixels"
-        return f"{self.folder}: {self.images} images of {size}{passes}{lights}"
+        return f"{self.folder}: {counted(self.images, 'image')} of {size}{passes}{lights}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +57,7 @@ class StrikeSummary:
         hint = f" (--gain 1 keeps {self.unit})" if self.gain_by_peak and self.peak > 0 else ""
         gain = "" if self.gain == 1 else f", written times {self.gain:.3g}{hint}"
         peak = f"peak {self.peak:.3g} {self.unit}"
-        return f"{self.folder}: {self.sounds} sounds of {self.duration_s} s, {peak}{gain}"
+        return f"{self.folder}: {counted(self.sounds, 'sound')} of {self.duration_s} s, {peak}{gain}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,4 +71,4 @@ class PressSummary:
     def __str__(self) -> str:
         hint = " (labels.json says which; without a file --points draws such)"
         more = "" if self.reachable == self.touches else hint
-        return f"{self.folder}: {self.touches} touches, {self.reachable} reachable{more}"
+        return f"{self.folder}: {counted(self.touches, 'touch')}, {self.reachable} reachable{more}"

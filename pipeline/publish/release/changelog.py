@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from pipeline.audit.findings import Audit, counts, groups, names
 from pipeline.audit.rendering import FIDELITY_ROWS, LEAST_WEIGHT, fidelity_rows
+from pipeline.dataset.counts import counted
 from pipeline.publish.cards.data_card import escape
 
 TITLE = "# Changes of the data set\n"
@@ -15,7 +16,7 @@ OBJECT, VERSION, DIGEST = "object", "version", "md5"
 
 def section(version: str, day: str, audit: Audit) -> str:
     """Return what changed since the release before, and why, as a section of Markdown."""
-    lines = [f"## {version}, {day}", "", f"{len(audit.objects)} objects: {counts(audit)}."]
+    lines = [f"## {version}, {day}", "", f"{counted(len(audit.objects), 'object')}: {counts(audit)}."]
     for group in groups(audit):
         lines += ["", f"**{escape(group.title)}**: {escape(names(group.objects, MOST_IDS))}"]
         lines += [f"- {escape(text)}" for text in (*group.reasons, group.places) if text]

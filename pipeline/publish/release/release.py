@@ -20,10 +20,11 @@ from pipeline.audit.findings import State
 from pipeline.audit.git import GitRepository
 from pipeline.audit.verification import verify
 from pipeline.audit.versions import Version, made_nothing, read_version
+from pipeline.dataset.counts import counted
 from pipeline.dataset.lock_file import LOCK
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
-from pipeline.publish.cards.published_data_set import METRICS, PER_OBJECT, PUBLICATION, counted, read_data_set
+from pipeline.publish.cards.published_data_set import METRICS, PER_OBJECT, PUBLICATION, read_data_set
 from pipeline.publish.data_set import REPORTS, write_cards
 from pipeline.publish.release.changelog import object_versions, section, with_section
 from pipeline.publish.release.zenodo import zenodo_text
@@ -138,7 +139,7 @@ def _check_git(root: Path, name: str) -> None:
         raise InputError(name, "this tag is there already", "Choose the next number.")
     changed = _git(root, "status", "--porcelain", "--untracked-files=no").splitlines()
     if changed:
-        finding = f"{len(changed)} files differ from HEAD, as {changed[0].split()[-1]}"
+        finding = f"{counted(len(changed), 'file')} not as in HEAD: {changed[0].split()[-1]}"
         raise InputError(str(root), finding, "Commit them, or `git stash`.")
 
 
