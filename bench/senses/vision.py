@@ -25,6 +25,7 @@ from bench.record import REPOSITORY, conclude, cpu_seconds, kept
 from bench.rivals.vision.scattering_function import ScatteringFunction
 from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
+from bench.senses import vision_known
 from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.vision_outcome import COMPARED, draw, figures_of
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
@@ -33,6 +34,7 @@ from objectfolder.products.tensor_file import TensorFile, read_tensor_file, writ
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, on_white
 from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
 from objectfolder.vision.truth.views import simulate_views
@@ -47,6 +49,8 @@ TRAINING_SAMPLES, TRUTH_SAMPLES = 32, 512
 # Rays on which the paper's network is judged: whole images would take minutes each. One image of the smallest
 # size is timed whole.
 NETWORK_RAYS = 3072
+# Views of a query, and rounds, by which queries of many views are compared with as many queries.
+BATCH, BATCH_ROUNDS = 48, 3
 # Seeds of the views are below 2^30; this bit makes those of Cycles as a rival of its own truth.
 OWN_SEED = 1 << 29
 
@@ -89,7 +93,10 @@ def main() -> None:
             )
     # Of earlier runs too, so that sizes and objects can be measured in parts.
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.folder.glob("*.row.json"))]
-    conclude("vision", figures_of(rows), settings(given, rows), COMPARED, draw)
+    if given.material == "known":
+        conclude("vision_known", figures_of(rows), settings(given, rows), COMPARED, vision_known.draw)
+    else:
+        conclude("vision", figures_of(rows), settings(given, rows), COMPARED, draw)
 
 
 def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -214,8 +221,29 @@ class Case:
             "truth_noise_floor_foreground_db": attributes["noise_floor_foreground_db"],
             "views_cpu_s_held_out_included": self.views_cpu_s,
             "visionnet_fit_cpu_s": fit_cpu_s,
+            "batch": self._batch(net),
             "ways": ways,
         }
+
+    def _batch(self, net: VisionNet) -> dict[str, float]:
+        """Return wall seconds of `BATCH` queries of a view over those of one query, on all processors."""
+        from numba import config
+
+        random = np.random.default_rng(0)
+        cameras = look_at(uniform_on_sphere(BATCH, CAMERA_RADIUS, random))
+        lights = uniform_on_sphere(BATCH, LIGHT_RADIUS, random)
+        given, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0))
+        ratios = []
+        for _ in range(BATCH_ROUNDS):
+            start = time.perf_counter()
+            for view in range(BATCH):
+                net.render(cameras[view], lights[view], self.size, self.field_of_view_deg)
+            middle = time.perf_counter()
+            net.render(cameras, lights, self.size, self.field_of_view_deg)
+            ratios.append((middle - start) / (time.perf_counter() - middle))
+        processors, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, given
+        times = {"median": float(np.median(ratios)), "least": min(ratios)}
+        return {"views": BATCH, "processors": processors, **times}
 
     def _visionnet(self) -> tuple[VisionNet, int, float]:
         encoded = encode_surface(self.mesh.surface)

@@ -156,8 +156,8 @@ def label(way: dict[str, Any], most_objects: int) -> str:
     return f"{way['way']}{trained}{objects}"
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """PSNR against seconds and against bytes, a row a size."""
+def draw(figures: dict[str, Any], name: str = "vision") -> None:
+    """PSNR against seconds and against bytes, a row a size, as the picture of a name."""
     means = figures["mean_over_objects"]
     floors = {
         size: np.mean([row["truth_noise_floor_db"] for row in figures["rows"] if str(row["size"]) == size])
@@ -168,12 +168,12 @@ def draw(figures: dict[str, Any]) -> None:
     )
     for (size, found), (by_time, by_size) in zip(means.items(), axes, strict=True):
         objects = max(way["objects"] for way in found)
-        for name in dict.fromkeys(way["way"] for way in found):
-            ways = [way for way in found if way["way"] == name]
-            colour, mark = LOOKS.get(name, OTHER_LOOK)
+        for title in dict.fromkeys(way["way"] for way in found):
+            ways = [way for way in found if way["way"] == title]
+            colour, mark = LOOKS.get(title, OTHER_LOOK)
             if ways[0]["cpu_s"] is None:
                 trivial = ways[0]["psnr_db"]
-                by_time.axhline(trivial, color="black", lw=0.8, ls=":", label=f"{name} in the true outline")
+                by_time.axhline(trivial, color="black", lw=0.8, ls=":", label=f"{title} in the true outline")
                 continue
             errors = [way["psnr_db"] for way in ways]
             by_time.plot(
@@ -183,7 +183,7 @@ def draw(figures: dict[str, Any]) -> None:
             if ways[0]["cpu_s_alone"] is not None:
                 seconds = [way["cpu_s_alone"] for way in ways]
                 by_time.plot(
-                    seconds, errors, "s--", mfc="none", color=colour, label=f"{name}, one view alone"
+                    seconds, errors, "s--", mfc="none", color=colour, label=f"{title}, one view alone"
                 )
             for way in ways:
                 if way["setting"] is not None:
@@ -202,4 +202,4 @@ def draw(figures: dict[str, Any]) -> None:
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8)
     figure.tight_layout(rect=(0, 0.5 / figure.get_figheight(), 1, 1))
-    save(figure, "vision")
+    save(figure, name)

@@ -78,6 +78,18 @@ def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():
     np.testing.assert_allclose(sent.mean(axis=0), 1.0, atol=0.02)
 
 
+def test_views_rendered_at_a_time_are_those_of_one_query_each(monkeypatch):
+    monkeypatch.setattr("objectfolder.vision.compiled.radiosity.REMEMBERED", 1)
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 3)
+    net, cameras = known(), np.repeat(CAMERA.reshape(1, 4, 4), 6, axis=0)
+    lights = 2 * np.random.default_rng(0).normal(size=(6, 3))
+    together = net.render(cameras, lights, 16, 39.6, 4)
+    for view, image in enumerate(together):
+        np.testing.assert_array_equal(image, net.render(CAMERA, lights[view], 16, 39.6, 4)[0])
+    assert net._threads(6) == 3
+    assert net._threads(1) == 1
+
+
 def test_places_of_a_cube_that_look_one_way_share_a_value_in_the_order_of_cubes():
     triangles = hollow_ball()[1].triangles
     lattice = FaceLattice(triangles, 1 / 16)

@@ -145,11 +145,13 @@ class Radiosity:
             Whether what arrives at sites on no way round is part of the answer.
         """
         key = b"".join((lights[0].tobytes(), lights[1].tobytes(), bytes([direct])))
-        if key not in self._fields:
-            while len(self._fields) >= REMEMBERED:
-                del self._fields[next(iter(self._fields))]
-            self._fields[key] = self._field(lights, direct)
-        return self._lookup.interpolate(self._fields[key], face, barycentric)
+        field = self._fields.get(key)
+        if field is None:
+            # Views of a query are rendered by several threads: another may have made room.
+            for oldest in list(self._fields)[: max(0, len(self._fields) + 1 - REMEMBERED)]:
+                self._fields.pop(oldest, None)
+            field = self._fields[key] = self._field(lights, direct)
+        return self._lookup.interpolate(field, face, barycentric)
 
     def _field(self, lights: Lights, direct: bool) -> np.ndarray:
         """Return the values (v, 3) of the lattice that `irradiance` is between."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -40,6 +41,8 @@ MAP = "map."
 SUB_RAYS = 64
 MOST_SUB_RAYS = 4096  # a pixel, that a file or a query may ask for
 MOST_RAYS = 1 << 33  # of all images of a query: some half an hour
+# Views rendered at a time: a third of their work is Python's, of which one thread does some at a time.
+MOST_THREADS = 4
 BAND_PIXELS = 1 << 21  # rendered at once: working memory does not grow with the image
 # Shape of a pixel, and type, of what a view can show.
 PASSES: dict[str, tuple[tuple[int, ...], type]] = {
@@ -205,6 +208,9 @@ class VisionNet:
     ) -> np.ndarray | dict[str, np.ndarray]:  # fmt: skip
         """Render views; each is computed alone, so a batch equals its views one by one, bit for bit.
 
+        Up to `MOST_THREADS` views are rendered at a time, on as many threads as numba is given
+        (``NUMBA_NUM_THREADS``, all processors if it is not set).
+
         Arguments, passes and errors are as of `SightQueries.render_passes`, in the unit frame. Light adds up:
         along a ray the radiance under several lights is the sum of that under each. In an image each pixel's
         share of the rays follows from what all lights together show. Memory does not grow with the lights.
@@ -231,7 +237,9 @@ class VisionNet:
             name: np.zeros((len(query.cameras), *part[2:], *PASSES[name][0]), PASSES[name][1])
             for name in wanted
         }
-        for index, camera in enumerate(query.cameras):
+
+        def draw(index: int) -> None:
+            camera = query.cameras[index]
             if "rgba" in wanted:
                 lamp = query.lights[index], query.colours[index]
                 for rows, band in _bands(part):
@@ -247,7 +255,23 @@ class VisionNet:
                     stacked[name][index] = getattr(centres, name)
                 for name in set(wanted) & set(REFLECTANCE):
                     stacked[name][index][centres.mask] = self.reflectance(name, *places)
+
+        threads = self._threads(len(query.cameras)) if "rgba" in wanted else 1
+        if threads > 1:
+            with ThreadPoolExecutor(threads) as pool:
+                for _ in pool.map(draw, range(len(query.cameras))):
+                    pass
+        else:
+            for index in range(len(query.cameras)):
+                draw(index)
         return stacked["rgba"] if passes is None else stacked
+
+    def _threads(self, views: int) -> int:
+        """Make the renderer, and return how many views are rendered at a time: as numba is given threads."""
+        self._rendering()
+        from numba import config
+
+        return int(min(views, MOST_THREADS, config.NUMBA_NUM_THREADS))
 
     def states(self, name: str) -> bool:
         """Whether the file states albedo, roughness or metallic, one of `REFLECTANCE`."""
