@@ -4,12 +4,15 @@ import csv
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from trimesh.creation import icosphere
 
 from bench.reality.row import Aim, Row
 from bench.record import cpu_seconds
 from objectfolder.surface.surface import Surface
 from objectfolder.touch import Elastomer, Press, press, read_sensor, solve_contact, solve_shear, unsheared
+from objectfolder.touch.sensor.magnification import at_magnification
+from objectfolder.touch.sensor.marker_tracking import track_markers
 
 BALL_RADIUS_M = 0.0075
 # Depths from which the preset's modulus was identified.
@@ -55,6 +58,39 @@ def force_rows(measured: Path) -> list[Row]:
         aims=(Aim("worst held out", most=3.0),),
     )
     return [row]
+
+
+def _tracking_row(measured: Path) -> Row:
+    """Compare the dots that `objectfolder calibrate` follows with those that are listed."""
+    from scipy.spatial import cKDTree
+
+    start = cpu_seconds()
+    pictures = np.stack([np.asarray(Image.open(measured / f"{name}.png").convert("RGB")) for name in (0, 4)])
+    sensor = at_magnification(read_sensor("gelsight").at_resolution(*pictures.shape[1:3]), PIXELS_A_MM * 1e3)
+    tracking = track_markers(pictures[1:], pictures[0], sensor)
+    if tracking is None:
+        raise RuntimeError("no grid of markers in the photograph 0.png")
+    column, row, right, down = np.loadtxt(measured / "4.csv", delimiter=",", skiprows=1).T
+    # Whole pixels, rounded down.
+    listed = np.stack([row + down, column + right], axis=1) + 0.5
+    seen = tracking.pixels[0][np.isfinite(tracking.pixels[0, :, 0])]
+    away = cKDTree(seen).query(listed)[0]
+    return Row(
+        sense="touch",
+        thing="markers of a GelSight",
+        quantity="dots under a ball, followed as by `objectfolder calibrate`; distance in pixels",
+        figures={
+            "listed": float(len(listed)),
+            "followed": float(len(seen)),
+            "median": float(np.median(away)),
+            "rms": float(np.sqrt((away**2).mean())),
+        },
+        repeatability="whole pixels",
+        fitted="nothing",
+        held_out="all dots of one photograph, from another",
+        source=FOTS,
+        cpu_s=cpu_seconds() - start,
+    )
 
 
 def marker_rows(measured: Path) -> list[Row]:
@@ -107,4 +143,4 @@ def marker_rows(measured: Path) -> list[Row]:
         cpu_s=cpu_seconds() - start,
         aims=tuple(Aim(f"{name}, off", most=PIXEL_UM) for name in ("inside", "at the rim", "outside")),
     )
-    return [row]
+    return [row, _tracking_row(measured)]

@@ -182,7 +182,7 @@ class Felt:
         sensor = self.sensor
         return Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
 
-    def markers(self, grid: tuple[int, int] = (9, 7), before: Shear | None = None) -> Markers:
+    def markers(self, grid: tuple[int, int] | None = None, before: Shear | None = None) -> Markers:
         """Return markers on the gel, see `moved_markers`; `before` as of `sheared_after`.
 
         Raises

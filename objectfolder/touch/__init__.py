@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from objectfolder.touch.elastic.shear import Shear, solve_shear, unsheared
     from objectfolder.touch.picture_force import PictureForce, force_of
     from objectfolder.touch.sensor.calibration import fit_table
+    from objectfolder.touch.sensor.marker_grid import MarkerGrid
     from objectfolder.touch.sensor.own_calibration import OwnCalibration, calibrate
     from objectfolder.touch.sensor.sensor import Sensor
     from objectfolder.touch.sensor.sensor_file import make_table, read_sensor
@@ -28,6 +29,7 @@ else:
             "elastic.shear": ["Shear", "solve_shear", "unsheared"],
             "picture_force": ["PictureForce", "force_of"],
             "sensor.calibration": ["fit_table"],
+            "sensor.marker_grid": ["MarkerGrid"],
             "sensor.own_calibration": ["OwnCalibration", "calibrate"],
             "sensor.sensor": ["Sensor"],
             "sensor.sensor_file": ["make_table", "read_sensor"],
@@ -41,6 +43,7 @@ else:
 __all__ = [
     "Contact",
     "Elastomer",
+    "MarkerGrid",
     "Markers",
     "OwnCalibration",
     "PictureForce",

@@ -10,6 +10,7 @@ from PIL import Image
 
 from objectfolder.errors import InputError
 from objectfolder.touch.sensor.ball_prints import Print
+from objectfolder.touch.sensor.marker_tracking import Tracking
 from objectfolder.touch.sensor.own_calibration import OwnCalibration
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
@@ -103,8 +104,10 @@ def calibration_text(calibration: OwnCalibration, names: Sequence[str]) -> str:
         f"{name}: {circle}. Left out."
         if isinstance(circle, str)
         else f"{name}: centre {circle.column:.0f}, {circle.row:.0f}, radius {circle.radius:.0f} pixels"
-        for name, circle in zip(names, calibration.prints, strict=True)
+        + _followed(calibration.markers, index)
+        for index, (name, circle) in enumerate(zip(names, calibration.prints, strict=True))
     ]
+    lines.append(_grid(calibration.markers))
     used = sum(isinstance(circle, Print) for circle in calibration.prints)
     lines.append(
         f"{used} of {len(names)} photographs used; PSNR in the contact circle of every second one, dB:"
@@ -129,6 +132,26 @@ def calibration_text(calibration: OwnCalibration, names: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
+def _followed(markers: Tracking | None, index: int) -> str:
+    if markers is None:
+        return ""
+    count, most = markers.followed[index], markers.largest_shift_m[index]
+    return f", {count} of {len(markers.rest_pixels)} markers, moved by {1e3 * most:.2f} mm at most"
+
+
+def _grid(markers: Tracking | None) -> str:
+    """What a grid of markers is like, and how regular."""
+    if markers is None:
+        return "No grid of dark markers in the untouched picture."
+    grid = markers.grid
+    return (
+        f"Markers: {grid.rows} x {grid.columns}, {1e3 * grid.row_pitch_m:.3f} mm from row to row, "
+        f"{1e3 * grid.column_pitch_m:.3f} from column to column, turned by {grid.rotation_deg:.1f} degrees, "
+        f"of radius {1e3 * grid.dot_radius_m:.2f} mm; {len(markers.rest_pixels)} of "
+        f"{grid.rows * grid.columns} there, {1e6 * markers.rms_m:.0f} um rms from the grid."
+    )
+
+
 def calibration_json(calibration: OwnCalibration, photographs: SensorPhotographs) -> str:
     """Return what `calibration_text` says, and the faults of photographs, as JSON."""
     figures = {
@@ -140,9 +163,15 @@ def calibration_json(calibration: OwnCalibration, photographs: SensorPhotographs
         for name, circle in zip(photographs.names, calibration.prints, strict=True)
     }
     uncertainty = calibration.uncertainty.mean(axis=1).round(2).tolist()
+    markers = calibration.markers
+    grid = markers and {
+        **markers.grid.to_dict(), "rms_m": markers.rms_m, "dots": len(markers.rest_pixels),
+        "followed": dict(zip(photographs.names, markers.followed.tolist(), strict=True)),
+    }  # fmt: skip
     content = {
         "photographs": circles, "faults": photographs.faults, "psnr_db": figures,
         "shown_deg": round(calibration.shown_deg, 1), "uncertainty_grey_levels": uncertainty,
+        "markers": grid,
     }  # fmt: skip
     return json.dumps(content, indent=1)
 

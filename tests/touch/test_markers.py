@@ -1,5 +1,7 @@
 """Markers of a gel: where the camera sees them, what moves them, how they are drawn."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,13 @@ from objectfolder.touch.elastic.contact_problem import Contact
 from objectfolder.touch.elastic.markers import Markers, moved_markers
 from objectfolder.touch.elastic.shear import Shear
 from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.marker_grid import MarkerGrid
 from objectfolder.touch.sensor.sensor import Sensor
 
 CELLS = (48, 32)
 
 
-def moved(down_m, right_m, inward_m=0.0, sensor=None, grid=(9, 7)):
+def moved(down_m, right_m, inward_m=0.0, sensor=None, grid=None):
     """Markers of a gel that is displaced by fields over its cells."""
     nothing, none = np.zeros(CELLS), np.zeros(2)
     displacement = np.stack([np.broadcast_to(down_m, CELLS), np.broadcast_to(right_m, CELLS)])
@@ -97,3 +100,26 @@ def test_no_markers_without_a_grid_and_no_dots_without_a_radius():
             moved(0.0, 0.0, grid=grid)
     with pytest.raises(QueryError, match=r"radius_pixels: nan"):
         moved(0.0, 0.0).drawn_on(np.zeros((160, 120, 3), np.uint8), np.nan)
+
+
+def test_a_sensors_own_grid_is_drawn_at_any_size_as_far_as_it_lies_on_the_gel():
+    # 240 pixels over 60 degrees, 22 mm away: 9.45 a millimetre.
+    grid = MarkerGrid(3, 5, 0.002, 0.001, 0.0, 0.001, 0.0, 0.0004)
+    scale = 120 / np.tan(np.radians(30)) / 0.022
+    sensor = replace(Sensor(), marker_grid=grid).at_resolution(240, 180)
+    markers = moved(0.0, 0.0, sensor=sensor)
+    rows, columns = np.meshgrid(0.001 + 0.002 * np.arange(-1, 2), 0.001 * np.arange(-2, 3), indexing="ij")
+    expected = np.stack([119.5 + scale * rows.ravel(), 89.5 + scale * columns.ravel()], axis=1)
+    np.testing.assert_allclose(markers.rest_pixels, expected)
+    np.testing.assert_allclose(markers.pixels, expected)
+    dark = 1 - markers.drawn_on(np.full((240, 180, 3), 255, np.uint8))[..., 0] / 255
+    assert dark.sum() == pytest.approx(15 * np.pi * (scale * 0.0004) ** 2, rel=0.02)
+    assert len(moved(0.0, 0.0, sensor=sensor, grid=(2, 2)).pixels) == 4
+    # A quarter turn counterclockwise: rows lead to the right, columns upwards.
+    turned = moved(0.0, 0.0, sensor=replace(sensor, marker_grid=replace(grid, rotation_deg=90.0)))
+    step = (turned.pixels[5] - turned.pixels[0], turned.pixels[1] - turned.pixels[0])
+    np.testing.assert_allclose(step, [[0, 0.002 * scale], [-0.001 * scale, 0]], atol=1e-9)
+    wide = replace(
+        sensor, gel_sagitta_m=0.0, marker_grid=MarkerGrid(3, 31, 0.002, 0.001, 0.0, 0.0, 0.0, 0.0004)
+    )
+    assert len(moved(0.0, 0.0, sensor=wide).pixels) == 3 * 19  # of a gel 20 mm wide

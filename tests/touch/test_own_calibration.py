@@ -1,6 +1,7 @@
 """A sensor is calibrated by photographs whose truth is known: those of the library's own sensor."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,13 @@ from touch_shapes import sphere
 from objectfolder.errors import InputError
 from objectfolder.surface.surface import Surface
 from objectfolder.touch import Press, calibrate, press, read_sensor
+from objectfolder.touch.elastic.markers import Markers
 from objectfolder.touch.sensor import own_calibration
 from objectfolder.touch.sensor.ball_prints import Print, find_prints
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.magnification import pixels_per_metre
+from objectfolder.touch.sensor.marker_grid import MarkerGrid
+from objectfolder.touch.sensor.marker_tracking import track_markers
 from objectfolder.touch.sensor.own_calibration import OwnCalibration
 from objectfolder.touch.truth.press import render_poses
 from pipeline.cli import main
@@ -25,6 +29,8 @@ RADIUS, DEPTH = 0.004, 0.001
 BALL = Surface(*sphere(RADIUS, 4))
 # From the gel's middle, metres.
 PLACES = np.array([(x, y) for x in (-0.0035, 0.0, 0.0035) for y in (-0.006, -0.003, 0.0, 0.003, 0.006)])
+
+GRID = MarkerGrid(10, 8, 2.5e-3, 2.5e-3, 2.0, 0.0, 0.0, 3.5e-4)
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +44,17 @@ def photographs() -> tuple[np.ndarray, np.ndarray]:
     images = np.stack([image.rgb for image in render_poses(BALL, TRUE, poses)])
     noisy = np.clip(images + random.normal(0, 1.5, images.shape), 0, 255).astype(np.uint8)
     return noisy, no_contact_image(TRUE)
+
+
+@pytest.fixture(scope="module")
+def with_markers(photographs) -> tuple[np.ndarray, np.ndarray]:
+    """The photographs of the same gel with dots on it."""
+    images, untouched = photographs
+    scale = pixels_per_metre(TRUE)
+    places = np.array([79.5, 59.5]) + GRID.places_m() * scale
+    nothing = np.zeros((len(places), 3))
+    markers = Markers(nothing, nothing, places, places, GRID.dot_radius_m * scale)
+    return np.stack([markers.drawn_on(image) for image in images]), markers.drawn_on(untouched)
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +94,19 @@ def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs, 
     assert (error**2).mean() < 0.2 * (empty**2).mean()
 
 
+@pytest.mark.slow
+@pytest.mark.release("objectfolder.touch")
+def test_a_gel_with_markers_is_calibrated_as_well_as_one_without(with_markers, calibration) -> None:
+    found = calibrate(*with_markers, TRUE, RADIUS)
+    assert found.markers is not None
+    assert found.markers.followed.tolist() == [80] * 15
+    assert found.sensor.marker_grid == found.markers.grid
+    assert found.held_out.mean() > calibration.held_out.mean() - 1.5
+    assert found.held_out_around.mean() > calibration.held_out_around.mean() - 1.5
+    # No dots are left in what it shows untouched.
+    assert np.abs(found.untouched.astype(int) - calibration.untouched).max() < 12
+
+
 def test_balls_and_photographs_that_cannot_be_are_refused(photographs) -> None:
     images, untouched = photographs
     with pytest.raises(InputError, match="24 mm is larger than the gel of 20 x 30 mm"):
@@ -84,7 +114,7 @@ def test_balls_and_photographs_that_cannot_be_are_refused(photographs) -> None:
     for radius in (0.0, float("nan"), RADIUS / 1000):
         with pytest.raises(InputError, match="pixels of pictures of 120 x 160"):
             calibrate(images, untouched, TRUE, radius)
-    with pytest.raises(InputError, match="1 of 2 photographs show a contact circle"):
+    with pytest.raises(InputError, match=r"1 of 2 photographs show a contact circle \(of another: no mark"):
         calibrate(np.stack([images[7], untouched]), untouched, TRUE, RADIUS)
 
 
@@ -110,9 +140,14 @@ def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Pat
 
 @pytest.mark.slow
 def test_the_command_writes_a_sensor_that_is_read(
-    photographs, calibration, tmp_path: Path, capsys, monkeypatch
+    with_markers, calibration, tmp_path: Path, capsys, monkeypatch
 ) -> None:
-    images, untouched = photographs
+    images, untouched = with_markers
+    markers = track_markers(images, untouched, TRUE)
+    assert markers is not None
+    calibration = replace(
+        calibration, markers=markers, sensor=replace(calibration.sensor, marker_grid=markers.grid)
+    )
     for index, picture in enumerate(images):
         Image.fromarray(picture).save(tmp_path / f"{index:02}.png")
     Image.fromarray(untouched).save(tmp_path / "background.png")
@@ -130,11 +165,17 @@ def test_the_command_writes_a_sensor_that_is_read(
     assert "15 of 15 photographs used" in said
     assert "mine.yaml, mine.npy, mine-response.npy" in said
     assert "Expected error" in said
+    assert ", 80 of 80 markers, moved by " in said
+    assert "Markers: 10 x 8, 2.500 mm from row to row, 2.500 from column to column, turned by 2.0" in said
+    assert "80 of 80 there, 4 um rms from the grid" in said
     sensor = read_sensor(mine)
     assert (sensor.name, sensor.image_height, sensor.gel_sagitta_m) == ("mine", 160, TRUE.gel_sagitta_m)
     assert sensor.photometric_table is not None
     assert sensor.indentation_response == calibration.sensor.indentation_response
+    assert sensor.marker_grid == markers.grid
     assert main(["calibrate", *given, "--overwrite", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["psnr_db"]["held_out"]) == 7
+    content = json.loads(capsys.readouterr().out)
+    assert len(content["psnr_db"]["held_out"]) == 7
+    assert content["markers"]["dots"] == content["markers"]["followed"]["00.png"] == 80
     assert main(["calibrate", *given]) == 1
     assert "is there already" in capsys.readouterr().err

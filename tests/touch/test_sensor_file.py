@@ -1,12 +1,16 @@
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from objectfolder.errors import InputError
+from objectfolder.errors import FormatError, InputError
 from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.marker_grid import MarkerGrid
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import FOLDER, make_table, read_sensor, sensor_names, write_sensor
+from objectfolder.touch.sensor.stored_sensor import stored_sensor
 
 DIGIT = (FOLDER / "digit-tacto.yaml").read_text(encoding="utf-8")
 GELSIGHT = (FOLDER / "gelsight.yaml").read_text(encoding="utf-8")
@@ -105,6 +109,32 @@ def test_a_mistake_is_named_with_its_file_and_field(subtests: pytest.Subtests, t
                 read_sensor(tmp_path / "mine.yaml")
             assert str(caught.value).startswith("mine.yaml: ")
             assert message in str(caught.value)
+
+
+def test_markers_are_read_and_mistakes_in_them_named(tmp_path: Path) -> None:
+    grid = MarkerGrid(9, 7, 0.0015, 0.0016, -2.0, 0.0001, 0.0, 0.0003)
+    text = "".join(f"  {key}: {value}\n" for key, value in grid.to_dict().items())
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"{DIGIT}\nmarkers:\n{text}")
+    sensor = read_sensor(path)
+    assert sensor == replace(Sensor(), marker_grid=grid)
+    assert stored_sensor(sensor.to_dict(), 2) == sensor
+    for right, wrong, message in (
+        ("rows: 9", "rows: 0", "0 x 7 are not 1 to 1000"),
+        ("rows: 9", "rows: 9.5", "markers.rows is 9.5. It must be a whole number"),
+        ("row_pitch_m: 0.0015", "row_pitch_m: 0", "pitches and the dots' radius must be above 0"),
+        ("dot_radius_m", "radius_m", "unknown key markers.radius_m. Did you mean markers.dot_radius_m?"),
+    ):
+        path.write_text(f"{DIGIT}\nmarkers:\n{text.replace(right, wrong)}")
+        with pytest.raises(InputError, match=re.escape(message)):
+            read_sensor(path)
+    for key, value in (("rows", 10**6), ("rotation_deg", float("nan")), ("dot_radius_m", "x"), ("hue", 1)):
+        values = sensor.to_dict()
+        values["marker_grid"][key] = value
+        with pytest.raises(FormatError, match=r"marker.grid"):
+            stored_sensor(values, 2)
+    with pytest.raises(FormatError, match=r"marker.grid"):
+        stored_sensor({**sensor.to_dict(), "marker_grid": [1]}, 2)
 
 
 def test_what_is_no_sensor_file_is_refused(subtests: pytest.Subtests, tmp_path: Path) -> None:

@@ -9,9 +9,11 @@ from objectfolder.query_values import real, whole
 from objectfolder.touch.elastic.contact_problem import Contact
 from objectfolder.touch.elastic.shear import Shear
 from objectfolder.touch.sensor.gel import gel_along_rays, gel_surface
+from objectfolder.touch.sensor.magnification import pixels_per_metre
+from objectfolder.touch.sensor.marker_grid import MOST_MARKERS
 from objectfolder.touch.sensor.sensor import Sensor
 
-MOST_MARKERS = 1000  # along a side
+ROWS, COLUMNS = 9, 7  # of a GelSight Mini
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,22 +29,31 @@ class Markers:
     rest_pixels, pixels
         (n, 2) float64 row and column where the camera sees them then and now; whole numbers are the middles
         of pixels.
+    radius_pixels
+        Of a dot as the camera sees it.
     """
 
     rest_m: np.ndarray
     displacement_m: np.ndarray
     rest_pixels: np.ndarray
     pixels: np.ndarray
+    radius_pixels: float = 1.5
 
-    def drawn_on(self, rgb: np.ndarray, radius_pixels: float = 1.5) -> np.ndarray:
+    def drawn_on(self, rgb: np.ndarray, radius_pixels: float | None = None) -> np.ndarray:
         """Return an image (height, width, 3) uint8 with a black dot at every marker, smooth at its rim.
+
+        Parameters
+        ----------
+        radius_pixels
+            Of a dot; by default the markers' own.
 
         Raises
         ------
         QueryError
             A radius that is not from 0 to 100 pixels.
         """
-        radius = real("radius_pixels", radius_pixels, 0.0, 100.0)
+        given = self.radius_pixels if radius_pixels is None else radius_pixels
+        radius = real("radius_pixels", given, 0.0, 100.0)
         light, reach = np.ones(rgb.shape[:2]), int(np.ceil(radius + 0.5))
         for row, column in self.pixels:
             top, left = max(0, round(row) - reach), max(0, round(column) - reach)
@@ -53,8 +64,10 @@ class Markers:
         return np.asarray(np.rint(rgb * light[..., None]).astype(np.uint8))
 
 
-def moved_markers(sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[int, int] = (9, 7)) -> Markers:
-    """Markers evenly apart in the image of the untouched gel, moved by a sheared contact.
+def moved_markers(
+    sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[int, int] | None = None
+) -> Markers:
+    """Markers in a grid on the untouched gel, moved by a sheared contact.
 
     Parameters
     ----------
@@ -63,7 +76,8 @@ def moved_markers(sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[in
     contact, shear
         On cells over the whole gel, as of `height_field.gel_grid`.
     grid
-        Rows and columns of markers; 9 x 7 are a GelSight Mini's.
+        Rows and columns of markers evenly apart in the image; by default the sensor's own grid, as far as it
+        lies on the gel, or 9 x 7 where it has none.
 
     Raises
     ------
@@ -82,13 +96,18 @@ def moved_markers(sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[in
     >>> len(right), round(right.max(), 1)
     (63, 3.1)
     """
-    rows, columns = (whole("grid", count, 1, MOST_MARKERS) for count in grid)
-    height, width = sensor.image_height, sensor.image_width
-    down = (np.arange(rows) + 0.5) / rows * height - 0.5
-    right = (np.arange(columns) + 0.5) / columns * width - 0.5
-    pixels = np.stack([part.ravel() for part in np.meshgrid(down, right, indexing="ij")], axis=1)
+    own = sensor.marker_grid if grid is None else None
+    if own is None:
+        pixels, radius = _spread(sensor, (ROWS, COLUMNS) if grid is None else grid), Markers.radius_pixels
+    else:
+        scale = pixels_per_metre(sensor)
+        pixels, radius = _middle(sensor) + own.places_m() * scale, own.dot_radius_m * scale
     tangents = _tangents(sensor, pixels)
     y, z = (tangents * gel_along_rays(sensor, *tangents)) + np.array(sensor.camera_position_m)[1:, None]
+    if own is not None:
+        across, up = np.abs(y - sensor.gel_apex_m[1]), np.abs(z - sensor.gel_apex_m[2])
+        on_gel = (across < sensor.gel_width_m / 2) & (up < sensor.gel_height_m / 2)
+        y, z, pixels = y[on_gel], z[on_gel], pixels[on_gel]
     rest = np.stack([gel_surface(sensor, y, z), y, z], axis=1)
     cells = contact.displacement_m.shape
     row = (0.5 - (z - sensor.gel_apex_m[2]) / sensor.gel_height_m) * cells[0] - 0.5
@@ -98,19 +117,30 @@ def moved_markers(sensor: Sensor, contact: Contact, shear: Shear, grid: tuple[in
     displacement = np.stack(
         [map_coordinates(field, [row, column], order=1, mode="nearest") for field in fields], axis=1
     )
-    return Markers(rest, displacement, pixels, _seen(sensor, rest + displacement))
+    return Markers(rest, displacement, pixels, _seen(sensor, rest + displacement), radius)
+
+
+def _spread(sensor: Sensor, grid: tuple[int, int]) -> np.ndarray:
+    """Pixels (n, 2) of so many rows and columns evenly apart in a sensor's image."""
+    rows, columns = (whole("grid", count, 1, MOST_MARKERS) for count in grid)
+    down = (np.arange(rows) + 0.5) / rows * sensor.image_height - 0.5
+    right = (np.arange(columns) + 0.5) / columns * sensor.image_width - 0.5
+    return np.stack([part.ravel() for part in np.meshgrid(down, right, indexing="ij")], axis=1)
+
+
+def _middle(sensor: Sensor) -> np.ndarray:
+    """Pixel row and column of the middle of a sensor's image."""
+    return (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
 
 
 def _tangents(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
     """Slopes (2, n) along y and z of the camera's rays through pixels (n, 2)."""
     pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height
-    middle = (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
-    return np.asarray(((middle - pixels) * pitch).T[::-1])
+    return np.asarray(((_middle(sensor) - pixels) * pitch).T[::-1])
 
 
 def _seen(sensor: Sensor, points: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) at which the camera sees points (n, 3) of the sensor frame."""
     away = points - np.array(sensor.camera_position_m)
     pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height
-    middle = (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
-    return np.asarray(middle - away[:, :0:-1] / away[:, :1] / pitch)
+    return np.asarray(_middle(sensor) - away[:, :0:-1] / away[:, :1] / pitch)

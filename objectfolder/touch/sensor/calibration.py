@@ -156,10 +156,21 @@ def gel_pixels(sensor: Sensor, untouched: np.ndarray) -> np.ndarray:
 
 
 def ball_pixels(
-    sensor: Sensor, image: np.ndarray, centre: np.ndarray, depth: float, radius: float, share: float = TRUSTED
+    sensor: Sensor,
+    image: np.ndarray,
+    centre: np.ndarray,
+    depth: float,
+    radius: float,
+    share: float = TRUSTED,
+    shown: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return what the pixels in a share of a ball's contact say; arguments as of `fit_table`, of one."""
+    """Return what the pixels in a share of a ball's contact say; arguments as of `fit_table`, of one.
+
+    Of those `shown` (height, width), if given.
+    """
     position, normal, trusted = _ball(sensor, _rays(sensor)[0], centre, depth, radius, share)
+    if shown is not None:
+        trusted &= shown.ravel()
     return _seen(sensor, position, normal, image, trusted)
 
 

@@ -22,8 +22,10 @@ from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.gel import gel_sag
 from objectfolder.touch.sensor.indentation_response import IndentationResponse, ResponseField
 from objectfolder.touch.sensor.magnification import pixels_per_metre
+from objectfolder.touch.sensor.marker_tracking import Tracking, track_markers, without_dots
 from objectfolder.touch.sensor.response_fit import ResponseFit
 from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.session_light import LEAST_PRINTS, UNTOUCHED, session_light
 
 SHAPE = (13, 24)
 # Weights among which the photographs that are fitted choose, by leaving some out in turn.
@@ -38,9 +40,6 @@ UNEVENNESS = (1.0, 30.0)
 BLURS_M = (0.0, 1e-4, 2e-4, 3e-4, 4e-4)
 # Of few photographs each is left out by itself.
 FOLDS, FEW = 3, 6
-# Of the contact's radius: what lies farther from every mark is untouched gel.
-UNTOUCHED = 2.2
-LEAST_PRINTS = 3
 # Of the ball's radius in a photograph.
 LEAST_BALL_PIXELS = 8.0
 ALIKE_PIXELS = 4.0
@@ -74,6 +73,10 @@ class OwnCalibration:
     smoothness, uniformity, share
         Weights of the table's smoothness, and of its slopes' being alike at all places: few photographs
         choose a high one. What is alike is the change of the untouched gel (a share of 1), or the value (0).
+    markers
+        The grid of dots that the untouched picture shows, and where they are in the photographs; None where
+        it shows none. What they hide is filled from what is about them; no table is fitted to it, and no
+        figure counts it.
     """
 
     sensor: Sensor
@@ -89,6 +92,7 @@ class OwnCalibration:
     smoothness: float
     uniformity: float
     share: float
+    markers: Tracking | None
 
 
 def calibrate(
@@ -141,16 +145,26 @@ def calibrate(
         size = f"{sensor.image_width} x {sensor.image_height}"
         finding = f"{2e3 * ball_m:g} mm are {2 * ball_m * scale:.3g} pixels of pictures of {size}"
         raise InputError("ball", finding, "Give its diameter in millimetres, or the right magnification.")
-    unpressed = _session(photographs, untouched, [])
+    markers = track_markers(photographs, untouched, sensor)
+    if markers is not None:
+        untouched = without_dots(untouched, markers.rest_hidden)
+        pairs = zip(photographs, markers.hidden, strict=True)
+        photographs = np.stack([without_dots(picture, hidden) for picture, hidden in pairs])
+    unpressed = session_light(photographs, untouched, [])
     prints = find_prints(photographs - unpressed, ball_m * scale)
-    unpressed = _session(photographs, untouched, prints)
+    unpressed = session_light(photographs, untouched, prints)
     prints = find_prints(photographs - unpressed, ball_m * scale)
+    if markers is not None:
+        prints = [markers.fault(index) or circle for index, circle in enumerate(prints)]
     marked = [index for index, mark in enumerate(prints) if isinstance(mark, Print)]
     if len(marked) < LEAST_PRINTS:
-        finding = f"{len(marked)} of {len(prints)} photographs show a contact circle"
+        faults = [circle for circle in prints if isinstance(circle, str)]
+        reason = f" (of another: {faults[0]})" if faults else ""
+        finding = f"{len(marked)} of {len(prints)} photographs show a contact circle{reason}"
         raise InputError("photographs", finding, f"At least {LEAST_PRINTS} are needed.")
     unmarked = np.clip(np.rint(unpressed), 0, 255).astype(np.uint8)
-    fit = _Fit(photographs, unpressed, unmarked, sensor, ball_m, prints)
+    shown = np.ones(photographs.shape[:3], dtype=bool) if markers is None else ~markers.hidden
+    fit = _Fit(photographs, shown, unpressed, unmarked, sensor, ball_m, prints)
     held_out, others = marked[1::2], marked[::2]
     weights = fit.weights(others)
     held = fit.response_weights(others, weights)
@@ -170,6 +184,7 @@ def calibrate(
             photometric_table=table,
             indentation_response=fit.response.solve(marked, *held[:2]),
             background_blur_m=held[2],
+            marker_grid=None if markers is None else markers.grid,
         ),
         unmarked,
         prints,
@@ -181,6 +196,7 @@ def calibrate(
         _psnr(_from_mean_patch(photographs, fit, others, held_out)),
         _psnr(_between_alike(photographs, fit, marked)),
         *weights,
+        markers,
     )
 
 
@@ -188,17 +204,18 @@ def _plain(sensor: Sensor) -> Sensor:
     """The sensor without lights and shadows, and whose touches are laid over a background as they are."""
     laid = {"background_gain": 1.0, "background_blur_pixels": 1, "background_blur_m": 0.0}
     dark = dict.fromkeys(("light_positions_m", "light_colours", "shadow_positions_m", "shadow_shares"), ())
-    return replace(sensor, indentation_response=None, **dark, **laid)  # type: ignore[arg-type]
+    return replace(sensor, indentation_response=None, marker_grid=None, **dark, **laid)  # type: ignore[arg-type]
 
 
 class _Fit:
     """Tables of some of the photographs, and their errors on others."""
 
     def __init__(
-        self, photographs: np.ndarray, unpressed: np.ndarray, untouched: np.ndarray, sensor: Sensor,
-        ball_m: float, prints: Sequence[Print | str],
+        self, photographs: np.ndarray, shown: np.ndarray, unpressed: np.ndarray, untouched: np.ndarray,
+        sensor: Sensor, ball_m: float, prints: Sequence[Print | str],
     ) -> None:  # fmt: skip
         self._photographs, self._sensor, self._ball, self._prints = photographs, sensor, ball_m, prints
+        self._shown = shown
         self._gel = normal_equations(gel_pixels(sensor, untouched)[:, ::4], SHAPE)
         self._of: dict[int, NormalEquations] = {}
         marked = [index for index, circle in enumerate(prints) if isinstance(circle, Print)]
@@ -212,7 +229,7 @@ class _Fit:
         return circle
 
     def disc(self, index: int, share: float = 1.0) -> np.ndarray:
-        return self.circle(index).disc(self._photographs.shape[1:3], share)
+        return self.circle(index).disc(self._photographs.shape[1:3], share) & self._shown[index]
 
     def place(self, index: int) -> tuple[np.ndarray, float]:
         """Centre (2,) of the ball across the sensor, and how deep it lies in the gel, metres."""
@@ -228,7 +245,8 @@ class _Fit:
         for index in chosen:
             if index not in self._of:
                 place = *self.place(index), self._ball
-                pixels = ball_pixels(self._sensor, self._photographs[index], *place, share=1.0)
+                shown = self._shown[index]
+                pixels = ball_pixels(self._sensor, self._photographs[index], *place, share=1.0, shown=shown)
                 self._of[index] = normal_equations(pixels, SHAPE)
             total = total + self._of[index]
         return total
@@ -314,39 +332,6 @@ def _folds(chosen: Sequence[int]) -> list[tuple[list[int], Sequence[int]]]:
     count = len(chosen) if len(chosen) <= FEW else FOLDS
     parts = [chosen[start::count] for start in range(count)]
     return [([index for index in chosen if index not in part], part) for part in parts]
-
-
-def _session(photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Print | str]) -> np.ndarray:
-    """What the sensor shows untouched in the photographs' own light (height, width, 3).
-
-    The median of what no mark is near, where three photographs show that of every pixel. Else the untouched
-    picture and a quadratic polynomial of the place, fitted to what no mark is near.
-    """
-    shape = photographs.shape[1:3]
-    circles = [circle for circle in prints if isinstance(circle, Print)]
-    clear = [
-        ~circle.disc(shape, UNTOUCHED) if isinstance(circle, Print) else np.full(shape, not prints)
-        for circle in prints or [""] * len(photographs)
-    ]
-    if circles and (np.sum(clear, axis=0) >= LEAST_PRINTS).all():
-        hidden = np.where(np.array(clear)[..., None], photographs.astype(np.float32), np.nan)
-        return np.asarray(np.nanmedian(hidden, axis=0), dtype=np.float64)
-    down, across = (2 * part / length - 1 for part, length in zip(np.indices(shape), shape, strict=True))
-    terms = np.stack([np.ones(shape), across, down, across**2, across * down, down**2], axis=-1)
-    samples = np.concatenate([terms[unmarked][::13] for unmarked in clear])
-    change = np.concatenate(
-        [
-            (photo.astype(np.float64) - untouched)[unmarked][::13]
-            for photo, unmarked in zip(photographs, clear, strict=True)
-        ]
-    )
-    weight = np.ones(len(samples))
-    # What a mark changes counts little: least absolute errors, by weights.
-    for _ in range(8):
-        root = np.sqrt(weight)[:, None]
-        fitted = np.linalg.lstsq(samples * root, change * root, rcond=None)[0]
-        weight = 1 / np.maximum(np.abs(change - samples @ fitted).sum(axis=1), 3.0)
-    return np.asarray(untouched + terms @ fitted)
 
 
 def _from_mean_patch(

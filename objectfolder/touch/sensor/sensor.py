@@ -9,6 +9,7 @@ from objectfolder.errors import FormatError
 from objectfolder.query_values import image_sides
 from objectfolder.renaming import renamed_attribute, renamed_keywords
 from objectfolder.touch.sensor.indentation_response import IndentationResponse
+from objectfolder.touch.sensor.marker_grid import MarkerGrid
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 
 Vector = tuple[float, float, float]
@@ -22,6 +23,7 @@ OPTIONAL = (
     "shadow_penumbra_m",
     "background_blur_m",
     "indentation_response",
+    "marker_grid",
 )
 
 
@@ -93,6 +95,8 @@ class Sensor:
         Standard deviation of the blur on the gel, at any image size, in place of that width; 0: the width.
     indentation_response
         How light changes beyond a contact, added to every picture of a touch.
+    marker_grid
+        Dots printed on the gel. A press draws none: `objectfolder.touch.moved_markers` tells where they are.
     """
 
     name: str = "DIGIT"
@@ -129,6 +133,7 @@ class Sensor:
     background_blur_pixels: int = 7
     background_blur_m: float = 0.0
     indentation_response: IndentationResponse | None = None
+    marker_grid: MarkerGrid | None = None
 
     light_colors = renamed_attribute("light_colours")
     base_color = renamed_attribute("base_colour")
@@ -203,6 +208,8 @@ class Sensor:
                 del values[field.name]
         if self.indentation_response is not None:
             values["indentation_response"] = self.indentation_response.to_dict()
+        if self.marker_grid is not None:
+            values["marker_grid"] = self.marker_grid.to_dict()
         return {**values, "photometric_table": None if table is None else table.to_dict()}
 
     @classmethod
@@ -212,7 +219,7 @@ class Sensor:
         Raises
         ------
         FormatError
-            A key too many or too few, or a table or response that is none.
+            A key too many or too few, or a table, response or marker grid that is none.
         """
         names = {STORED_NAMES.get(field.name, field.name): field.name for field in fields(cls)}
         expected = set(names) - (set(OPTIONAL) - set(values))
@@ -224,6 +231,8 @@ class Sensor:
         read["photometric_table"] = None if table is None else PhotometricTable.from_dict(table)
         if "indentation_response" in read:
             read["indentation_response"] = IndentationResponse.from_dict(values["indentation_response"])
+        if "marker_grid" in read:
+            read["marker_grid"] = MarkerGrid.from_dict(values["marker_grid"])
         return cls(**read)
 
 

@@ -5,11 +5,11 @@ The name may also be that of a plugin's sensor, which is none of the package's (
 Reading one needs PyYAML; an Object File holds its sensor itself, and needs nothing of this.
 """
 
+import dataclasses
 import difflib
 import math
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from objectfolder.renaming import REMOVED_IN
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
 from objectfolder.touch.sensor.indentation_response import IndentationResponse
+from objectfolder.touch.sensor.marker_grid import MarkerGrid
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -71,6 +72,10 @@ SHADOWS = {
     "penumbra_m": ("shadow_penumbra_m", "number"),
 }
 SHADOW_LAMP = {"position_m": ("position_m", "vector"), "share": ("share", "vector")}
+MARKERS = {
+    field.name: (field.name, "whole" if field.type is int else "number")
+    for field in dataclasses.fields(MarkerGrid)
+}
 STRIP = {"colour": ("colour", "vector"), "points": ("points", "whole")}
 MADE_FROM = {
     "ambient": ("ambient", "number"),
@@ -170,6 +175,8 @@ def write_sensor(path: Path, sensor: Sensor, comment: str) -> None:
             **{key: getattr(sensor, field) for key, (field, _) in SHADOWS.items()},
             "lamps": [{"position_m": list(position), "share": list(share)} for position, share in lamps],
         }
+    if sensor.marker_grid is not None:
+        content["markers"] = sensor.marker_grid.to_dict()
     content["photometry"] = {"model": "table", "table": table.name}
     if sensor.indentation_response is not None:
         response = path.with_name(f"{path.stem}-response.npy")
@@ -210,7 +217,7 @@ def _sensor(path: Path, content: dict[str, Any], photometry: dict[str, Any]) -> 
     """The sensor of a file's sections and of the fields of its photometry."""
     fields = _Reader(path.name)
     content = dict(content)
-    shadows = content.pop("shadows", None)
+    shadows, markers = content.pop("shadows", None), content.pop("markers", None)
     fields.check_keys("", content, ("name", *SECTIONS, "photometry"))
     values: dict[str, Any] = {"name": fields.value("name", content["name"], "text"), **photometry}
     if shadows is not None:
@@ -219,7 +226,10 @@ def _sensor(path: Path, content: dict[str, Any], photometry: dict[str, Any]) -> 
         if section == "background" and isinstance(content[section], dict) and "blur_m" in content[section]:
             keys = {"gain": BACKGROUND["gain"], "blur_m": BLUR_M}
         values.update(fields.section(section, content[section], keys))
+    grid = None if markers is None else fields.section("markers", markers, MARKERS)
     try:
+        if grid is not None:
+            values["marker_grid"] = MarkerGrid(**grid)
         sensor = Sensor(**values)
         ray_grid(sensor, 1)
     except ValueError as error:
@@ -335,7 +345,7 @@ def _with_new_keys(path: Path, content: Any) -> Any:
     return renamed
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class _Reader:
     """Values of one file, checked; errors name it."""
 

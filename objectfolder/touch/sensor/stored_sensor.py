@@ -5,6 +5,7 @@ from typing import Any
 
 from objectfolder.errors import FormatError
 from objectfolder.products.stored_values import REMEDY, number, numbers, whole_number
+from objectfolder.touch.sensor.marker_grid import MOST_MARKERS
 from objectfolder.touch.sensor.sensor import Sensor
 
 LARGEST_SENSOR_M = 10.0
@@ -44,6 +45,11 @@ OPTIONAL_RANGES = {
     "shadow_penumbra_m": (1e-6, LARGEST_SENSOR_M),
     "background_blur_m": (0.0, LARGEST_SENSOR_M),
 }
+MARKER_RANGES = {
+    **dict.fromkeys(("row_pitch_m", "column_pitch_m", "dot_radius_m"), (1e-6, LARGEST_SENSOR_M)),
+    **dict.fromkeys(("offset_down_m", "offset_right_m"), (-LARGEST_SENSOR_M, LARGEST_SENSOR_M)),
+    "rotation_deg": (-360.0, 360.0),
+}
 
 
 def stored_sensor(values: Mapping[str, Any], samples: int) -> Sensor:
@@ -75,6 +81,8 @@ def stored_sensor(values: Mapping[str, Any], samples: int) -> Sensor:
             most = MOST_SHADOWS if name in OPTIONAL_LAMPS else MOST_LIGHTS
             count = whole_number(f"number of touch.sensor.{name}", len(values[name]), 0, most)
             checked[name] = numbers(f"touch.sensor.{name}", values[name], (count, 3), limit).tolist()
+        if "marker_grid" in values:
+            checked["marker_grid"] = _stored_markers(values["marker_grid"])
         sensor = Sensor.from_dict(checked)
     except KeyError as error:
         raise FormatError("touch.sensor", f"no field {error}", REMEDY) from error
@@ -84,3 +92,18 @@ def stored_sensor(values: Mapping[str, Any], samples: int) -> Sensor:
     if rays > MOST_IMAGE_RAYS:
         raise FormatError("touch.sensor", f"{rays} rays an image, more than {MOST_IMAGE_RAYS}", REMEDY)
     return sensor
+
+
+def _stored_markers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a marker grid, checked; others stay as they are, for `MarkerGrid` refuses them."""
+    where = "touch.sensor.marker_grid"
+    if not isinstance(values, dict):
+        raise FormatError(where, "holds no fields", REMEDY)
+    counts = {
+        name: whole_number(f"{where}.{name}", values[name], 1, MOST_MARKERS) for name in ("rows", "columns")
+    }
+    lengths = {
+        name: number(f"{where}.{name}", values[name], low, high)
+        for name, (low, high) in MARKER_RANGES.items()
+    }
+    return {**values, **counts, **lengths}

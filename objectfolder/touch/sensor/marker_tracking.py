@@ -1,0 +1,180 @@
+"""The grid of markers on a gel by its untouched picture, and where each of them is in photographs of touches.
+
+Needs SciPy.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from objectfolder.errors import InputError
+from objectfolder.touch.sensor.magnification import pixels_per_metre
+from objectfolder.touch.sensor.marker_dots import dot_radius, find_dots
+from objectfolder.touch.sensor.marker_grid import MarkerGrid
+from objectfolder.touch.sensor.marker_lattice import Lattice, fit_lattice, lattice_rms
+from objectfolder.touch.sensor.sensor import Sensor
+
+# Share of the pitch that a dot may move.
+LARGEST_SHIFT = 0.45
+# Share of the dots that a photograph must show to be used.
+LEAST_FOLLOWED = 0.75
+# Beyond a dot's radius its rim still darkens the picture so far.
+RIM_PIXELS = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """Markers in photographs.
+
+    Parameters
+    ----------
+    grid
+        Fitted to the untouched picture.
+    rms_m
+        Distance of its dots from the grid, root mean square; those that the picture's border cuts are not
+        counted.
+    rest_pixels
+        (k, 2) float64 row and column of each dot there.
+    pixels
+        (n, k, 2) float64 the same in each photograph; NaN where a dot was not followed.
+    largest_shift_m
+        (n,) how far the dot moved that moved most, at the magnification of the gel's apex.
+    hidden
+        (n, height, width) bool: pixels of each photograph that dots darken.
+    rest_hidden
+        (height, width) bool, those of the untouched picture.
+    """
+
+    grid: MarkerGrid
+    rms_m: float
+    rest_pixels: np.ndarray
+    pixels: np.ndarray
+    largest_shift_m: np.ndarray
+    hidden: np.ndarray
+    rest_hidden: np.ndarray
+
+    @property
+    def followed(self) -> np.ndarray:
+        """How many dots (n,) of each photograph were followed."""
+        return np.asarray(np.isfinite(self.pixels[..., 0]).sum(axis=1))
+
+    def fault(self, index: int) -> str:
+        """Why a photograph cannot be used, or nothing."""
+        count, there = self.followed[index], len(self.rest_pixels)
+        return "" if count >= LEAST_FOLLOWED * there else f"{count} of {there} markers followed"
+
+
+def track_markers(photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor) -> Tracking | None:
+    """Find the grid of an untouched picture and its dots in photographs; None where it shows no grid.
+
+    Parameters
+    ----------
+    photographs, untouched
+        (n, height, width, 3) and (height, width, 3) uint8.
+    sensor
+        Whose magnification it is, of their size.
+
+    Raises
+    ------
+    InputError
+        A grid in the first photograph and none in the untouched picture.
+    """
+    regular = _regular_dots(untouched)
+    if regular is None:
+        if _regular_dots(photographs[0]) is not None:
+            raise InputError(
+                "photographs",
+                "the first shows a grid of markers, the untouched picture none",
+                "Take the untouched picture of the same gel.",
+            )
+        return None
+    radius, dots, whole, lattice = regular
+    shape, scale, rest = untouched.shape[:2], pixels_per_metre(sensor), dots[lattice.dots]
+    seen = [find_dots(photograph, radius) for photograph in photographs]
+    pixels = np.stack([_matched(rest, there, LARGEST_SHIFT * lattice.pitch.min()) for there in seen])
+    cut = _beyond_border(lattice.places(_surroundings(lattice.counts)), shape)
+    unseen = [np.concatenate([rest[np.isnan(place[:, 0])], cut]) for place in pixels]
+    return Tracking(
+        _grid(lattice, radius, shape, scale),
+        lattice_rms(lattice, dots, whole) / scale,
+        rest,
+        pixels,
+        np.nan_to_num(np.hypot(*np.moveaxis(pixels - rest, 2, 0))).max(axis=1) / scale,
+        np.stack([_discs(shape, radius, *both) for both in zip(seen, unseen, strict=True)]),
+        _discs(shape, radius, dots, cut),
+    )
+
+
+def without_dots(picture: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+    """Return a picture (height, width, 3) uint8 whose hidden pixels are means of those about them."""
+    from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+    if not hidden.any():
+        return picture
+    # A dot's middle still takes its value from beyond the dot.
+    sigma = float(distance_transform_edt(hidden).max()) / 2
+    shown = np.where(hidden, 0.0, 1.0)
+    weight = gaussian_filter(shown, sigma)
+    total = gaussian_filter(picture * shown[..., None], (sigma, sigma, 0))
+    mean = total / np.maximum(weight, np.finfo(float).tiny)[..., None]
+    return np.where(hidden[..., None], np.rint(mean), picture).astype(np.uint8)
+
+
+def _regular_dots(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, Lattice] | None:
+    """Radius of a picture's dots, where they are (n, 2), which of them it shows whole, and their grid."""
+    radius = dot_radius(picture)
+    if radius is None:
+        return None
+    dots = find_dots(picture, radius)
+    whole = (np.minimum(dots, np.array(picture.shape[:2]) - 1 - dots) > radius).all(axis=1)
+    lattice = fit_lattice(dots, whole)
+    return None if lattice is None else (radius, dots, whole, lattice)
+
+
+def _grid(lattice: Lattice, radius: float, shape: tuple[int, ...], scale: float) -> MarkerGrid:
+    """The grid in metres of a lattice in a picture of a shape, at so many pixels a metre."""
+    down, right = (lattice.places((lattice.counts - 1) / 2) - (np.array(shape) - 1) / 2) / scale
+    return MarkerGrid(
+        rows=int(lattice.counts[0]),
+        columns=int(lattice.counts[1]),
+        row_pitch_m=float(lattice.pitch[0] / scale),
+        column_pitch_m=float(lattice.pitch[1] / scale),
+        rotation_deg=float(np.degrees(lattice.turn)),
+        offset_down_m=float(down),
+        offset_right_m=float(right),
+        dot_radius_m=radius / scale,
+    )
+
+
+def _matched(rest: np.ndarray, seen: np.ndarray, reach: float) -> np.ndarray:
+    """Where dots (k, 2) are among those seen (m, 2), NaN where none of these is within reach and theirs."""
+    from scipy.spatial import cKDTree
+
+    places = np.full(rest.shape, np.nan)
+    if len(seen):
+        distance, there = (np.asarray(part) for part in cKDTree(seen).query(rest))
+        back = np.asarray(cKDTree(rest).query(seen)[1])
+        chosen = (distance < reach) & (back[there] == np.arange(len(rest)))
+        places[chosen] = seen[there[chosen]]
+    return places
+
+
+def _surroundings(counts: np.ndarray) -> np.ndarray:
+    """Numbers (m, 2) of the places next to a grid of so many rows and columns."""
+    numbers = np.stack([part.ravel() for part in np.indices((counts + 2).tolist())], axis=1) - 1
+    return np.asarray(numbers[((numbers < 0) | (numbers == counts)).any(axis=1)])
+
+
+def _beyond_border(places: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Those of places (m, 2) that a picture does not show: of a dot there it may show a part."""
+    return np.asarray(places[((places < 0) | (places > np.array(shape) - 1)).any(axis=1)])
+
+
+def _discs(shape: tuple[int, ...], radius: float, *centres: np.ndarray) -> np.ndarray:
+    """Which pixels of a picture the dots at all the centres (n, 2) darken."""
+    from scipy.spatial import cKDTree
+
+    pixels = np.stack([part.ravel() for part in np.indices(shape)], axis=1)
+    tree = cKDTree(np.concatenate(centres))
+    near = tree.query(pixels, distance_upper_bound=radius + RIM_PIXELS)[0]
+    return np.asarray(np.isfinite(near).reshape(shape))
