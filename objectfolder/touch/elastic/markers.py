@@ -13,7 +13,7 @@ from objectfolder.touch.sensor.magnification import pixels_per_metre
 from objectfolder.touch.sensor.marker_grid import MOST_MARKERS
 from objectfolder.touch.sensor.sensor import Sensor
 
-ROWS, COLUMNS = 9, 7  # of a GelSight Mini
+MARKER_ROWS, MARKER_COLUMNS = 9, 7  # of a GelSight Mini
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,10 @@ def moved_markers(
     """
     own = sensor.marker_grid if grid is None else None
     if own is None:
-        pixels, radius = _spread(sensor, (ROWS, COLUMNS) if grid is None else grid), Markers.radius_pixels
+        pixels, radius = (
+            _spread(sensor, (MARKER_ROWS, MARKER_COLUMNS) if grid is None else grid),
+            Markers.radius_pixels,
+        )
     else:
         scale = pixels_per_metre(sensor)
         pixels, radius = _middle(sensor) + own.places_m() * scale, own.dot_radius_m * scale

@@ -6,16 +6,16 @@ Needs SciPy.
 import numpy as np
 
 # Of the picture's height: dots that are searched for have these radii.
-SMALLEST_RADIUS, LARGEST_RADIUS = 1 / 160, 1 / 16
-LEAST_RADIUS_PIXELS = 1.2
+SMALLEST_DOT, LARGEST_DOT = 1 / 160, 1 / 16
+SMALLEST_DOT_PIXELS = 1.2
 # How much darker than its surroundings a dot is, as a share of them; and of the middle one of all dots.
-LEAST_CONTRAST, LEAST_SHARE = 0.15, 0.4
+LEAST_DARKNESS, LEAST_DOT_SHARE = 0.15, 0.4
 # Of spots that are no larger than dots and round: the middle half of their areas tells the dots' size.
-ROUND = 0.6
+ROUND_SHARE = 0.6
 LEAST_SPOTS = 9
 # Of a dot's radius: how far about it its template reaches.
-REACH = 1.6
-RIM_PIXELS = 1.0
+TEMPLATE_REACH = 1.6
+TEMPLATE_RIM_PIXELS = 1.0
 
 
 def dot_radius(picture: np.ndarray) -> float | None:
@@ -26,16 +26,16 @@ def dot_radius(picture: np.ndarray) -> float | None:
     from scipy.ndimage import find_objects, label
 
     height = len(picture)
-    dark = _darkness(picture, LARGEST_RADIUS * height)
-    spots, count = label(dark > LEAST_CONTRAST)
+    dark = _darkness(picture, LARGEST_DOT * height)
+    spots, count = label(dark > LEAST_DARKNESS)
     if count < LEAST_SPOTS:
         return None
     area = np.bincount(spots.ravel(), minlength=count + 1)[1:]
     boxes = find_objects(spots)
     sides = np.array([[part.stop - part.start for part in box] for box in boxes])
-    least = np.pi * max(LEAST_RADIUS_PIXELS, SMALLEST_RADIUS * height) ** 2
-    fills = area > ROUND * np.pi / 4 * sides.max(axis=1) ** 2
-    whole = fills & (area >= least) & (area <= np.pi * (LARGEST_RADIUS * height) ** 2)
+    least = np.pi * max(SMALLEST_DOT_PIXELS, SMALLEST_DOT * height) ** 2
+    fills = area > ROUND_SHARE * np.pi / 4 * sides.max(axis=1) ** 2
+    whole = fills & (area >= least) & (area <= np.pi * (LARGEST_DOT * height) ** 2)
     if whole.sum() < LEAST_SPOTS:
         return None
     # Dark spots are as wide as where their rims are half as dark as their middles.
@@ -62,12 +62,12 @@ def find_dots(picture: np.ndarray, radius: float) -> np.ndarray:
     # A pixel beyond the picture is like its border.
     response = fftconvolve(np.pad(dark, border, mode="edge"), template, mode="valid")
     peaks = (response == maximum_filter(response, size=2 * int(np.ceil(radius)) + 1)) & (
-        response > LEAST_CONTRAST
+        response > LEAST_DARKNESS
     )
     pixels = np.argwhere(peaks)
     strength = response[peaks]
     centres = np.array([_vertex(response, *pixel) for pixel in pixels]).reshape(-1, 2)
-    kept = strength > LEAST_SHARE * np.median(strength) if len(strength) else np.zeros(0, bool)
+    kept = strength > LEAST_DOT_SHARE * np.median(strength) if len(strength) else np.zeros(0, bool)
     return np.asarray(centres[kept])
 
 
@@ -84,10 +84,13 @@ def _darkness(picture: np.ndarray, reach: float) -> np.ndarray:
 
 def _template(radius: float) -> np.ndarray:
     """A disc less a ring about it, whose sum over an even picture is 0 and over a dot its darkness."""
-    reach = int(np.ceil(REACH * radius + RIM_PIXELS))
+    reach = int(np.ceil(TEMPLATE_REACH * radius + TEMPLATE_RIM_PIXELS))
     down, right = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    disc = np.clip((radius - np.hypot(down, right)) / RIM_PIXELS + 0.5, 0.0, 1.0)
-    ring = np.clip((REACH * radius - np.hypot(down, right)) / RIM_PIXELS + 0.5, 0.0, 1.0) - disc
+    disc = np.clip((radius - np.hypot(down, right)) / TEMPLATE_RIM_PIXELS + 0.5, 0.0, 1.0)
+    ring = (
+        np.clip((TEMPLATE_REACH * radius - np.hypot(down, right)) / TEMPLATE_RIM_PIXELS + 0.5, 0.0, 1.0)
+        - disc
+    )
     return np.asarray(disc / disc.sum() - ring / ring.sum())
 
 

@@ -10,9 +10,9 @@ import numpy as np
 # Dots of a grid, their rows and columns, and the share of its places that have one, at least.
 LEAST_DOTS, LEAST_LINES, LEAST_OCCUPIED = 9, 3, 0.5
 # Shares of the pitch: how far from its place a dot may be, and all of them in rms.
-NEAR, REGULAR = 0.3, 0.1
+PLACE_REACH, LARGEST_RMS = 0.3, 0.1
 # A dot's neighbours in the grid lie so many times as far off as the nearest dot of most dots.
-NEIGHBOURS = (0.7, 1.6)
+NEIGHBOUR_RANGE = (0.7, 1.6)
 # Share of the places of an outer row or column that have a dot, at least.
 LEAST_BORDER = 1 / 3
 
@@ -66,7 +66,7 @@ def fit_lattice(pixels: np.ndarray, whole: np.ndarray) -> Lattice | None:
         return None
     error = lattice_rms(lattice, pixels, whole)
     occupied = len(lattice.dots) >= LEAST_OCCUPIED * lattice.counts.prod()
-    return lattice if occupied and error < REGULAR * lattice.pitch.min() else None
+    return lattice if occupied and error < LARGEST_RMS * lattice.pitch.min() else None
 
 
 def lattice_rms(lattice: Lattice, pixels: np.ndarray, whole: np.ndarray) -> float:
@@ -85,7 +85,7 @@ def _steps(pixels: np.ndarray) -> tuple[np.ndarray, float] | None:
     from scipy.spatial import cKDTree
 
     distance, index = (np.asarray(part) for part in cKDTree(pixels).query(pixels, k=5))
-    near, far = np.median(distance[:, 1]) * np.array(NEIGHBOURS)
+    near, far = np.median(distance[:, 1]) * np.array(NEIGHBOUR_RANGE)
     step = (pixels[index[:, 1:]] - pixels[:, None])[(distance[:, 1:] > near) & (distance[:, 1:] < far)]
     if len(step) < LEAST_DOTS:
         return None
@@ -113,7 +113,7 @@ def _walked(pixels: np.ndarray, whole: np.ndarray, pitch: np.ndarray, turn: floa
             for number, move in moves:
                 away, nearest = tree.query(pixels[dot] + move)
                 other = int(nearest)
-                if away < NEAR * pitch.min() and other not in numbers:
+                if away < PLACE_REACH * pitch.min() and other not in numbers:
                     numbers[other] = numbers[dot] + number
                     queue.append(other)
         left -= set(numbers)
@@ -126,7 +126,7 @@ def _of_nearest(pixels: np.ndarray, whole: np.ndarray, lattice: Lattice, *, trim
     numbers = np.rint((pixels - lattice.origin) @ _axes(lattice.turn).T / lattice.pitch).astype(np.int64)
     away = np.hypot(*(pixels - lattice.places(numbers)).T)
     order = np.argsort(away, kind="stable")
-    order = order[away[order] < NEAR * lattice.pitch.min()]
+    order = order[away[order] < PLACE_REACH * lattice.pitch.min()]
     # Of the dots at a place the nearest.
     first = np.unique(numbers[order], axis=0, return_index=True)[1]
     dots = order[np.sort(first)]

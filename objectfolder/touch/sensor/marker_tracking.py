@@ -15,11 +15,11 @@ from objectfolder.touch.sensor.marker_lattice import Lattice, fit_lattice, latti
 from objectfolder.touch.sensor.sensor import Sensor
 
 # Share of the pitch that a dot may move.
-LARGEST_SHIFT = 0.45
+LARGEST_DOT_SHIFT = 0.45
 # Share of the dots that a photograph must show to be used.
 LEAST_FOLLOWED = 0.75
 # Beyond a dot's radius its rim still darkens the picture so far.
-RIM_PIXELS = 2.0
+DOT_RIM_PIXELS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def track_markers(photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor
     radius, dots, whole, lattice = regular
     shape, scale, rest = untouched.shape[:2], pixels_per_metre(sensor), dots[lattice.dots]
     seen = [find_dots(photograph, radius) for photograph in photographs]
-    pixels = np.stack([_matched(rest, there, LARGEST_SHIFT * lattice.pitch.min()) for there in seen])
+    pixels = np.stack([_matched(rest, there, LARGEST_DOT_SHIFT * lattice.pitch.min()) for there in seen])
     cut = _beyond_border(lattice.places(_surroundings(lattice.counts)), shape)
     unseen = [np.concatenate([rest[np.isnan(place[:, 0])], cut]) for place in pixels]
     return Tracking(
@@ -176,5 +176,5 @@ def _discs(shape: tuple[int, ...], radius: float, *centres: np.ndarray) -> np.nd
 
     pixels = np.stack([part.ravel() for part in np.indices(shape)], axis=1)
     tree = cKDTree(np.concatenate(centres))
-    near = tree.query(pixels, distance_upper_bound=radius + RIM_PIXELS)[0]
+    near = tree.query(pixels, distance_upper_bound=radius + DOT_RIM_PIXELS)[0]
     return np.asarray(np.isfinite(near).reshape(shape))
