@@ -19,6 +19,7 @@ from objectfolder.touch.picture_slopes import pixel_places, pixel_slopes
 from objectfolder.touch.rendering.shadows import shadow_caster
 from objectfolder.touch.response_contact import ResponseContact
 from objectfolder.touch.sensor.camera import ray_grid
+from objectfolder.touch.sensor.marker_tracking import without_markers
 from objectfolder.touch.sensor.reading import checked_background
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -52,6 +53,7 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     ----------
     picture
         (height, width, 3) uint8, as a press shows it or laid over the untouched gel of the sensor's model.
+        What markers hide is filled, if the sensor has some.
 
     Raises
     ------
@@ -70,9 +72,8 @@ def force_of(picture: NDArray[np.uint8], sensor: Sensor) -> PictureForce:
     True
     """
     shape = sensor.image_height // AVERAGED_PX, sensor.image_width // AVERAGED_PX
-    whole = checked_background(picture, sensor)[: shape[0] * AVERAGED_PX, : shape[1] * AVERAGED_PX].astype(
-        np.float64
-    )
+    gel = without_markers(checked_background(picture, sensor), sensor)
+    whole = gel[: shape[0] * AVERAGED_PX, : shape[1] * AVERAGED_PX].astype(np.float64)
     small = sensor.at_resolution(*shape)
     colours = whole.reshape(shape[0], AVERAGED_PX, shape[1], AVERAGED_PX, 3).mean(axis=(1, 3)) / 255
     changed = (np.abs(colours - ray_grid(small, 1).gel_values.reshape(colours.shape)) > CHANGE).any(axis=-1)

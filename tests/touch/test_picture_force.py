@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from touch_shapes import box, sphere
 
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
-from objectfolder.touch import Press, Sensor, force_of, press, read_sensor
+from objectfolder.touch import MarkerGrid, Markers, Press, Sensor, force_of, press, read_sensor
 from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.magnification import pixels_per_metre
 
 DIGIT = read_sensor("digit").at_resolution(80, 60)
 
@@ -30,6 +33,12 @@ def test_a_calibrated_sensor_tells_the_force_by_the_contact_alone() -> None:
     force, error = force_of(touch.rgb[0], sensor)
     assert abs(force / touch.force_n[0] - 1) < 0.1
     assert error == pytest.approx(0.25 * force)
+    grid = MarkerGrid(8, 7, 0.0025, 0.0025, 1.0, 0.0, 0.0, 0.0003)
+    with_markers, scale = replace(sensor, marker_grid=grid), pixels_per_metre(sensor)
+    places, nothing = np.array([79.5, 59.5]) + grid.places_m() * scale, np.zeros((56, 3))
+    dots = Markers(nothing, nothing, places, places, grid.dot_radius_m * scale).drawn_on(touch.rgb[0])
+    assert force_of(dots, with_markers).force_n == pytest.approx(force, rel=0.06)
+    assert force_of(touch.rgb[0], with_markers).force_n == force
     assert force_of(no_contact_image(sensor, 1), sensor) == (0.0, 0.0)
     walls = press(pin, sensor, np.array([[0.0, 0.0, 0.006]]), Press(force_n=0.8))
     with pytest.raises(QueryError, match=r"steep walls|no round contact"):

@@ -4,6 +4,7 @@ Needs SciPy.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from objectfolder.touch.sensor.sensor import Sensor
 LARGEST_DOT_SHIFT = 0.45
 # Share of the dots that a photograph must show to be used.
 LEAST_FOLLOWED = 0.75
+# Share of them that a picture shows of a gel on which they are drawn.
+LEAST_SHOWN = 0.5
 # Beyond a dot's radius its rim still darkens the picture so far.
 DOT_RIM_PIXELS = 2.0
 
@@ -105,19 +108,50 @@ def track_markers(photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor
     )
 
 
+def without_markers(picture: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """Return a picture (height, width, 3) uint8 of a sensor with markers, filled where they hide the gel.
+
+    A picture that shows less than half of them, as one of a simulated touch on which none were drawn, is
+    returned as it is.
+    """
+    grid, shape = sensor.marker_grid, picture.shape[:2]
+    if grid is None:
+        return picture
+    scale = pixels_per_metre(sensor)
+    places = (np.array(shape) - 1) / 2 + grid.places_m() * scale
+    inside = places[((places > 0) & (places < np.array(shape) - 1)).all(axis=1)]
+    seen = find_dots(picture, grid.dot_radius_m * scale)
+    reach = LARGEST_DOT_SHIFT * scale * min(grid.row_pitch_m, grid.column_pitch_m)
+    if np.isfinite(_matched(inside, seen, reach)[:, 0]).mean() < LEAST_SHOWN:
+        return picture
+    return without_dots(picture, _discs(shape, grid.dot_radius_m * scale, seen))
+
+
 def without_dots(picture: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    """Return a picture (height, width, 3) uint8 whose hidden pixels are means of those about them."""
-    from scipy.ndimage import distance_transform_edt, gaussian_filter
+    """Return a picture (height, width, 3) uint8 whose hidden pixels go on smoothly from those about them.
+
+    Their Laplacian is harmonic: a slope that varies evenly goes on through a dot.
+    """
+    from scipy.sparse import eye, kron
+    from scipy.sparse.linalg import splu
 
     if not hidden.any():
         return picture
-    # A dot's middle still takes its value from beyond the dot.
-    sigma = float(distance_transform_edt(hidden).max()) / 2
-    shown = np.where(hidden, 0.0, 1.0)
-    weight = gaussian_filter(shown, sigma)
-    total = gaussian_filter(picture * shown[..., None], (sigma, sigma, 0))
-    mean = total / np.maximum(weight, np.finfo(float).tiny)[..., None]
-    return np.where(hidden[..., None], np.rint(mean), picture).astype(np.uint8)
+    height, width = hidden.shape
+    laplacian = kron(_second_difference(height), eye(width)) + kron(eye(height), _second_difference(width))
+    filled, unknown = picture.reshape(-1, 3).astype(np.float64), hidden.ravel()
+    rows = (laplacian @ laplacian).tocsr()[unknown]
+    filled[unknown] = splu(rows[:, unknown].tocsc()).solve(-(rows[:, ~unknown] @ filled[~unknown]))
+    return np.clip(np.rint(filled), 0, 255).astype(np.uint8).reshape(picture.shape)
+
+
+def _second_difference(count: int) -> Any:
+    """Sparse second differences (count, count) of values that go on evenly beyond both ends."""
+    from scipy.sparse import diags
+
+    middle = np.full(count, -2.0)
+    middle[[0, -1]] = -1.0
+    return diags([np.ones(count - 1), middle, np.ones(count - 1)], [-1, 0, 1])
 
 
 def _regular_dots(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, Lattice] | None:
