@@ -1,14 +1,15 @@
 """The pictures of README and docs/results.md, drawn from a finished data set.
 
 Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes into docs/. ``hero.png`` is
-what Object Files answer, ``live_sight.png`` the scene of ``objectfolder demo``. ``sight.png``, ``touch.png``
-and ``sound.png`` are held-out queries beside the truth: views are the best lit of each object, touches those
-with the largest contact.
+what Object Files answer, ``live_sight.png`` the scene of ``objectfolder demo``, ``demo.webp`` its objects as
+they fall. ``sight.png``, ``touch.png`` and ``sound.png`` are held-out queries beside the truth: views are the
+best lit of each object, touches those with the largest contact.
 """
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import av
 import matplotlib
 import mujoco
 import numpy as np
@@ -16,7 +17,9 @@ import numpy as np
 from bench.record import REPOSITORY, arguments
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ, stored_strike
 from objectfolder.live import MujocoSimulation
+from objectfolder.live.clip import FRAMES_PER_S
 from objectfolder.live.opened_scene import OpenedScene, camera_over
+from objectfolder.live.playing import play
 from objectfolder.products.store import Product, read_product
 from pipeline.publish.demo import write_demo
 
@@ -28,6 +31,8 @@ RANGE_DB = 80.0
 SHOWN_S = 0.5
 TOUCHED = 4
 GREY, DIFFERENCE_FACTOR = 128, 8
+# Of the animated picture: seconds, height, pixels down and across, and of how many frames one is kept.
+FALL_S, FALL_M, FALL_PIXELS, FALL_EVERY = 3.0, 0.06, (360, 540), 2
 
 
 def draw_hero(path: Path, products: dict[str, Product], name: str) -> None:
@@ -62,6 +67,19 @@ def table(size: tuple[int, int]) -> np.ndarray:
         image = opened.sight(simulation).image(camera, size, sub_rays=16)
     rgb: np.ndarray = image.rgb
     return rgb
+
+
+def draw_fall(path: Path) -> None:
+    """Draw the objects of ``objectfolder demo`` as they fall on their table, as an animated WebP."""
+    with TemporaryDirectory() as folder:
+        clip = Path(folder) / "clip.mp4"
+        play(write_demo(Path(folder)), clip, FALL_S, FALL_M, FALL_PIXELS, seed=1)
+        with av.open(str(clip)) as video:
+            frames = [frame.to_image() for frame in video.decode(video=0)][::FALL_EVERY]
+    pause_ms = round(1000 * FALL_EVERY / FRAMES_PER_S)
+    frames[0].save(
+        path, save_all=True, append_images=frames[1:], duration=pause_ms, loop=0, quality=70, method=6
+    )
 
 
 def best_lit(fidelity: Product) -> int:
@@ -148,6 +166,7 @@ def main() -> None:
     folder = REPOSITORY / "docs"
     draw_hero(folder / "hero.png", products, given.strike)
     pyplot.imsave(folder / "live_sight.png", table((360, 480)))
+    draw_fall(folder / "demo.webp")
     pyplot.imsave(folder / "sight.png", sight(list(products.values())))
     pyplot.imsave(folder / "touch.png", touch(list(products.values())))
     draw_strike(folder / "sound.png", products[given.strike], given.strike)
