@@ -30,7 +30,8 @@ CHANGE, LEAST_LIGHT = 0.6 / 255, 0.2
 SEARCH_ROUNDS = 3
 # Of the contact's border, over the deepest displacement; and nearer ones round the best.
 BORDER_LEVELS, NEARER = np.arange(0.05, 0.96, 0.1), np.arange(-0.05, 0.06, 0.025)
-UNEXPLAINED = 0.1  # of squared slopes: of round objects less is
+# Of squared slopes: of round objects less is, of most edges more; with an indentation response.
+UNEXPLAINED, RESPONSE_UNEXPLAINED = 0.07, 0.1
 STEEP, BEYOND = "its contact has steep walls or hardly shows", "its contact reaches the border"
 # Relative, of simulated touches of round objects (docs/touch_elastic.md); with an indentation response.
 PICTURE_FORCE_ERROR, RESPONSE_FORCE_ERROR = 0.1, 0.25
@@ -108,7 +109,7 @@ def _force_beside_response(
     answer = ResponseContact(np.minimum(colours, 1.0), gel, sensor).solve(height, slopes, place)
     if answer is None:
         raise QueryError("picture", "no round contact explains it", "Press something round, in its middle.")
-    if answer[1] > UNEXPLAINED:
+    if answer[1] > RESPONSE_UNEXPLAINED:
         raise QueryError("picture", STEEP, "Press something round.")
     contact, _ = answer
     if contact.reaches_border:

@@ -82,7 +82,7 @@ def fit_sounds(
         own.append(partials)
         names.append(recording.name)
     if not recordings:
-        raise InputError("recordings", "; ".join(warnings), "Give one that can be used.")
+        raise InputError("recordings", "; ".join(warnings).removesuffix("."), "Give one that can be used.")
     partials = own[0] if len(own) == 1 else partials_over(recordings, own, request.max_frequency_hz)
     seconds = {"recordings": time.process_time() - started}
     if not len(partials):
