@@ -167,18 +167,21 @@ def test_a_measured_mass_gives_the_density(body: SolvedBody, partials: Partials)
 
 
 TONE = [(800.0, 8.0, 1.0), (1500.0, 8.0, 1.0)]
+# Of so few samples a period that hardly two in a row are cut.
+HISS = [(hertz, 30.0, 1.0) for hertz in (7100.0, 9300.0, 11900.0, 14700.0)]
 
 
 @pytest.mark.parametrize(
     ("samples", "fault"),
     [
         (np.clip(2 * strike(TONE, 0), -0.5, 0.5), r"samples clip at 0.50 of full scale, the last \d"),
+        (np.clip(4 * strike(HISS, 0), -0.5, 0.5), r"samples clip at 0.50 of full scale, the last \d"),
         (np.stack([strike(TONE, 0), 0.1 * strike(TONE, 1)], axis=1), r"2 channels, .* correlate by -?0"),
         (np.uint8(np.round(strike(TONE, 0) * 100) + 128), r"its peak is 50 steps \(8 bit\)"),
         (np.int16(np.round(strike(TONE, 0) * 100) * 256), r"its peak is 50 steps \(16 bit\)"),
         (np.tile(strike(TONE, 0), 2), r"struck again 0.[67]\d s after"),
     ],
-    ids=["clipped", "stereo", "8 bits", "8 bits in 16", "struck twice"],
+    ids=["clipped", "clipped above 7 kHz", "stereo", "8 bits", "8 bits in 16", "struck twice"],
 )  # fmt: skip
 def test_a_fault_of_a_recording_is_named_with_its_figure(
     samples: np.ndarray, fault: str, tmp_path: Path
@@ -188,6 +191,13 @@ def test_a_fault_of_a_recording_is_named_with_its_figure(
     assert len(recording.warnings) == 1
     assert re.search(fault, recording.warnings[0])
     assert 0.09 < recording.start / RATE_HZ < 0.35
+
+
+@pytest.mark.parametrize("partials", [TONE, HISS, [(60.0, 2.0, 1.0), (800.0, 8.0, 0.3)]])
+def test_no_whole_strike_is_said_to_clip(partials: list[tuple[float, float, float]], tmp_path: Path) -> None:
+    for steps in (32767, 500):
+        wavfile.write(tmp_path / "strike.wav", RATE_HZ, np.int16(np.round(2 * strike(partials, 0) * steps)))
+        assert read_recording(tmp_path / "strike.wav").warnings == ()
 
 
 @pytest.mark.parametrize(

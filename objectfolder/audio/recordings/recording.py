@@ -21,8 +21,8 @@ RISE, BEFORE_BLOCKS, JUST_BEFORE_BLOCKS = 4.0, 50, 3
 BOUNCE_BLOCKS = 20
 # Of the loudest block, below which nothing counts as a strike.
 SILENCE_SHARE = 1e-3
-# Equal samples in a row at the largest value of a file that is clipped, and how many of such samples.
-CLIPPED_RUN, CLIPPED_SAMPLES = 3, 6
+# Samples at the largest value of a file that is clipped, at least; and what is just below it, of it.
+CLIPPED_SAMPLES, BELOW_PEAK = 6, 0.95
 # Steps between silence and the peak, in decibels, below which quantisation hides partials.
 FEW_STEPS_DB = 48.0
 LEAST_S = 0.03  # of free decay
@@ -183,14 +183,14 @@ def _strikes(samples: Floats, sample_rate_hz: float, name: str) -> tuple[NDArray
 
 
 def _clipped(samples: Floats) -> NDArray[np.int64]:
-    """Samples in runs at the largest or the least value."""
+    """Samples at the largest or the least value, where more are than just below it, unlike in whole waves."""
     flat = np.zeros(len(samples), dtype=bool)
     for extreme in (samples.max(), samples.min()):
         at = samples == extreme
-        inside = np.convolve(at, np.ones(CLIPPED_RUN), "valid") == CLIPPED_RUN
-        for shift in range(CLIPPED_RUN):
-            flat[shift : shift + len(inside)] |= inside
-    indices = np.nonzero(flat & (np.abs(samples) > 0))[0]
+        below = (samples / extreme > BELOW_PEAK) & ~at if extreme else at
+        if at.sum() > below.sum():
+            flat |= at
+    indices = np.nonzero(flat)[0]
     return indices if len(indices) >= CLIPPED_SAMPLES else indices[:0]
 
 
