@@ -6,6 +6,7 @@ from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_within
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.vision.compositing import on_white
+from objectfolder.vision.truth.conditions import CONDITIONS
 
 CONDITION_DEFINITIONS = {
     "vision.psnr_CONDITION_db": (
@@ -33,7 +34,10 @@ def measure_conditions(file: ObjectFile, views: Product) -> dict[str, float]:
         return measured
     rgba = views["condition_rgba"].astype(np.float32)
     count = len(rgba) // len(conditions)
-    for index, (name, condition) in enumerate(conditions.items()):
+    # Whatever the order in which attributes were read back.
+    names = [name for name in CONDITIONS if name in conditions]
+    for index, name in enumerate(names):
+        condition = conditions[name]
         rows = slice(index * count, (index + 1) * count)
         truth, within = on_white(rgba[rows]), rgba[rows, ..., 3] >= FOREGROUND_ALPHA
         if not within.any():

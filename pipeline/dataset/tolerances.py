@@ -61,6 +61,8 @@ TOLERANCES: Mapping[str, Mapping[str, Tolerance]] = {
     "objects": {},
     "views": {
         "rgba": Tolerance(relative=1e-2, rms=1e-5, because=_CYCLES),
+        "condition_rgba": Tolerance(relative=1e-2, rms=1e-5, because=_CYCLES),
+        "attributes/conditions/*/noise_floor_db": Tolerance(absolute=0.01, because=_CYCLES),
         "attributes/noise_floor*_db": Tolerance(absolute=0.01, because=_CYCLES),
     },
     "modes": {
