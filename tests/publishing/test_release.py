@@ -123,4 +123,6 @@ def test_what_states_no_fidelity_or_is_damaged_is_not_released(workshop, run):
     status, _, error = run("release", "v3")
     assert (status, "data/object_files/cup.safetensors: damaged" in error) == (FAILED, True)
     assert run("release", "three")[0] == FAILED
+    status, _, error = run("release", "v3", "-o", str(workshop.root))
+    assert (status, f"{workshop.root}: is there already" in error) == (FAILED, True)
     assert workshop.git("tag", "--list") == ""

@@ -88,12 +88,14 @@ def release(
     Raises
     ------
     InputError
-        A name that is none or is taken; a work tree with changes, products that are not as the inputs ask
+        A name that is none or is taken; an `output` that exists; a work tree with changes, products that are not as the inputs ask
         for, a damaged file, or an object without fidelity.
     """
     numbers = NAME.fullmatch(name)
     if numbers is None:
         raise InputError(name, "no name of a release", "Give v and a number, as v2 or v2.1.0.")
+    if output and output.exists():
+        raise InputError(str(output), "is there already", "Name a folder that does not exist yet.")
     with Contents(root, remote) as contents:
         progress("checking")
         _check_git(root, name)
