@@ -88,8 +88,8 @@ def release(
     Raises
     ------
     InputError
-        A name that is none or is taken; an `output` that exists; a work tree with changes, products that are not as the inputs ask
-        for, a damaged file, or an object without fidelity.
+        A name that is none or is taken; an `output` that exists; a work tree with changes, products that
+        are not as the inputs ask for, a damaged file, or an object without fidelity.
     """
     numbers = NAME.fullmatch(name)
     if numbers is None:
