@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError
+from objectfolder.products.regular_file import require_regular
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ def read_materials(path: Path | str) -> dict[str, Material]:
     """
     path = Path(path)
     try:
+        require_regular(path)
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:

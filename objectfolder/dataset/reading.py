@@ -13,6 +13,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.extras import needs_extra
+from objectfolder.products.regular_file import require_regular
 
 PRODUCT_REMEDY = "Fetch it again, or make it again."
 Value = TypeVar("Value")
@@ -66,6 +67,7 @@ class ProductReader:
         self._whole: dict[str, np.ndarray] = {}
         self._layouts: dict[str, Layout] = {}
         try:
+            require_regular(path)
             self._archive = zipfile.ZipFile(path)
             self.attributes: dict[str, Any] = dict(json.loads(self._archive.read("zarr.json"))["attributes"])
         except FileNotFoundError:

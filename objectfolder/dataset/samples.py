@@ -14,6 +14,7 @@ from objectfolder.dataset.senses import SENSE_READERS, Sample, Settings
 from objectfolder.errors import FormatError, InputError
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
+from objectfolder.products.regular_file import read_regular
 from objectfolder.products.splits import OBJECT_SPLITS, object_split
 from objectfolder.products.tensor_file import read_metadata
 
@@ -170,7 +171,7 @@ class ObjectSamples:
             )
         path = self._root / "data" / "records.json"
         try:
-            rows = json.loads(path.read_text(encoding="utf-8"))["objects"]
+            rows = json.loads(read_regular(path))["objects"]
             materials = {object_id: str(rows[object_id]["material"]["name"]) for object_id in ids}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(

@@ -8,6 +8,7 @@ import numpy as np
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.products.regular_file import open_regular
 
 Z_UP = "z"
 
@@ -30,7 +31,7 @@ def up_axis(path: Path) -> str:
     """
     suffix = path.suffix.lower()
     if suffix == ".dae":
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             statement = _COLLADA_UP.search(file.read(_HEAD_BYTES))
         return statement[1].decode().lower() if statement else "y"
     return "y" if suffix in (".gltf", ".glb") else Z_UP

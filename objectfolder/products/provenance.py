@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError
+from objectfolder.products.regular_file import open_regular
 
 PACKAGES = ("objectfolder", "pipeline")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
@@ -61,7 +62,7 @@ def fingerprint(parts: Mapping[str, Any]) -> str:
 
 def file_digest(path: Path | str) -> str:
     """Return the SHA-256 (64 hex digits) of a file's bytes."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.extras import needs_extra
 from objectfolder.products.atomic import atomic_write
+from objectfolder.products.regular_file import open_regular, require_regular
 
 ZIP_DATE = (1980, 1, 1, 0, 0, 0)
 REMAKE = "Delete it; a run makes it again."
@@ -117,6 +118,7 @@ def _open(path: Path) -> Any:
     with needs_extra("factory"):
         import zarr
     try:
+        require_regular(path)
         return zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r", zarr_format=3)
     except FileNotFoundError:
         raise
@@ -170,7 +172,7 @@ def read_attributes(path: Path | str) -> dict[str, Any]:
     """Read only the attributes of a product."""
     path = Path(path)
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             attributes = json.loads(archive.read("zarr.json"))["attributes"]
     except FileNotFoundError:
         raise

@@ -19,6 +19,7 @@ import numpy as np
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import canonical_json
+from objectfolder.products.regular_file import open_regular
 
 DTYPES: dict[str, np.dtype[Any]] = {
     "F64": np.dtype("<f8"),
@@ -104,7 +105,7 @@ def read_metadata(path: Path | str) -> dict[str, str]:
     FormatError
         A truncated or foreign file.
     """
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         return metadata_of(str(path), file)
 
 
@@ -123,7 +124,7 @@ def read_tensor_file(path: Path | str) -> TensorFile:
         A truncated, foreign or damaged file.
     """
     where = str(path)
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         header, _ = _read_header(where, file)
         data = file.read()
     metadata = _checked_metadata(where, header, len(data))

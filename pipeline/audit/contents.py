@@ -14,6 +14,7 @@ from pathlib import Path
 import diskcache
 
 from objectfolder.errors import InputError, ObjectFolderError
+from objectfolder.products.regular_file import open_regular
 from pipeline.audit import descriptions
 from pipeline.audit.descriptions import TAIL_BYTES, Description
 from pipeline.audit.opening import opened_folder
@@ -165,7 +166,7 @@ class Contents(Stores):
         if path is None:
             return None
         try:
-            with path.open("rb") as near:
+            with open_regular(path) as near:
                 return descriptions.read(near, content.suffix, content.where)
         except FileNotFoundError:
             return None  # removed just now

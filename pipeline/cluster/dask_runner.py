@@ -18,10 +18,11 @@ from typing import Any
 import cloudpickle
 
 from objectfolder.errors import FormatError
-from pipeline.cluster import pools, worker_plugin
+from pipeline.cluster import pools, steady_clock, worker_plugin
 from pipeline.cluster.environment_check import Environment
 from pipeline.cluster.places import HERE, Place
 from pipeline.cluster.run_task import Answer, run_task
+from pipeline.cluster.steady_clock import use_steady_clock
 from pipeline.cluster.worker_plugin import MEMORY_BYTES, Admission
 from pipeline.cluster.workers import LOOK_S, Workers, gone
 from pipeline.dataset.job import Finished, Job, failed
@@ -39,7 +40,7 @@ TASKS_A_THREAD, FEWEST_TASKS = 4, 1000
 TRANSFERS = 8  # tasks whose files are on their way to or from the store at once
 FEWER = "Out of memory, most likely: run fewer workers, or lower the settings of this stage."
 
-for module in (worker_plugin, pools):
+for module in (worker_plugin, pools, steady_clock):
     cloudpickle.register_pickle_by_value(module)
 
 
@@ -105,6 +106,8 @@ class DaskRunner:
         self._marker.parent.mkdir(exist_ok=True)
         self._marker.touch()
         self._workers.listen()
+        use_steady_clock()
+        self._client.run_on_scheduler(use_steady_clock)
         with _workers_may_die():
             self._client.register_plugin(self._plugin, self._plugin.name)
         return self

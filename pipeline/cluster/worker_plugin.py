@@ -1,8 +1,8 @@
 """A plugin of Dask workers: it checks the environment of a worker, then grants its resources.
 
 Every task asks for `Admission.name` and for memory, which a worker has only once it was admitted. So one
-that would compute other numbers gets no work. This module and `pipeline.cluster.pools` are sent to
-workers by value, because a worker may lack the project's code.
+that would compute other numbers gets no work. This module, `pipeline.cluster.pools` and
+`pipeline.cluster.steady_clock` are sent to workers by value, because a worker may lack the project's code.
 """
 
 import asyncio
@@ -17,6 +17,7 @@ from distributed.system import MEMORY_LIMIT
 
 from objectfolder.child_process import module_command, search_path
 from pipeline.cluster.pools import MEMORY, USABLE, stated
+from pipeline.cluster.steady_clock import use_steady_clock
 
 TOPIC = "objectfolder"
 MEMORY_BYTES = "memory_bytes"  # whole numbers, for Dask adds and subtracts them
@@ -55,6 +56,7 @@ class Admission(WorkerPlugin):
 
     def setup(self, worker: Any) -> None:
         """Begin to check a worker, which may still be starting."""
+        use_steady_clock()
         self._checking = asyncio.create_task(self._admit(worker))
 
     def transition(self, key: str, start: str, finish: str, **_: Any) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 from pydantic_core import from_json
 
 from objectfolder.errors import FormatError
+from objectfolder.products.regular_file import open_regular
 
 REMEDY = "Delete it; a run makes it again."
 GROUP = "zarr.json"
@@ -50,13 +51,13 @@ def read_attributes(path: Path) -> dict[str, Any]:
         No such file.
     """
     path.stat()
-    with errors_of(path), zipfile.ZipFile(path) as archive:
+    with errors_of(path), open_regular(path) as file, zipfile.ZipFile(file) as archive:
         return describe(archive, ())[0]
 
 
 def check(path: Path) -> None:
     """Check every entry of a product's archive and its checksum; raise FormatError for unexpected content."""
-    with errors_of(path), zipfile.ZipFile(path) as archive:
+    with errors_of(path), open_regular(path) as file, zipfile.ZipFile(file) as archive:
         _, arrays = describe(archive)
         for name in archive.namelist():
             if not name.endswith("zarr.json"):

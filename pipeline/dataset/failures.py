@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
+from objectfolder.products.regular_file import read_regular
 from pipeline.dataset.task import Failure
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def read_failures(root: Path) -> list[FailedObject]:
         A damaged file.
     """
     try:
-        return [FailedObject(**entry) for entry in json.loads((root / FAILURES).read_text(encoding="utf-8"))]
+        return [FailedObject(**entry) for entry in json.loads(read_regular(root / FAILURES))]
     except FileNotFoundError:
         return []
     except (OSError, ValueError, TypeError) as error:
@@ -100,7 +101,7 @@ def ask_for_retry(root: Path, failures: Sequence[FailedObject]) -> None:
     """
     path = root / RETRY
     try:
-        number = int(json.loads(path.read_text(encoding="utf-8"))["round"])
+        number = int(json.loads(read_regular(path))["round"])
     except (OSError, ValueError, TypeError, KeyError):
         number = 0
     failed = sorted({f"{failure.stage} {failure.object}" for failure in failures})

@@ -16,6 +16,7 @@ from pathlib import Path
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import fingerprint
+from objectfolder.products.regular_file import require_regular
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.verified import FINGERPRINT, Verified
@@ -89,6 +90,7 @@ def read_products(root: Path) -> dict[str, Entry]:
         A damaged file.
     """
     try:
+        require_regular(root / PRODUCTS)
         with (root / PRODUCTS).open(encoding="utf-8", newline="") as file:
             lines = [Entry(bytes=int(line.pop("bytes")), **line) for line in csv.DictReader(file)]
     except FileNotFoundError:
@@ -119,11 +121,12 @@ def is_listed(root: Path, stage: Stage, entries: Mapping[str, Entry], verified: 
         for object_id in kind.object_ids(root)
     }
     folders = all((root / kind.folder).is_dir() for kind in stage.products)
-    return (
-        folders
-        and listed == present
-        and all(verified.md5(root / path) == entries[path].md5 for path in listed)
-    )
+    if not folders or listed != present:
+        return False
+    try:
+        return all(verified.md5(root / path) == entries[path].md5 for path in listed)
+    except FormatError:
+        return False
 
 
 def _summary(entries: Sequence[Entry]) -> dict[str, str | int]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import PARTIAL
+from objectfolder.products.regular_file import open_regular
 
 # Folder beside a data set and outside its versions; losing it costs time only.
 STATE = ".objectfolder"
@@ -123,7 +124,7 @@ def read_fingerprint(path: Path) -> str | None:
 
 def md5_of(path: Path) -> str:
     """Return the MD5 of a file, 32 hex digits: the name under which DVC's cache has it."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
 
 

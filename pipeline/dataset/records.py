@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import json_lines
+from objectfolder.products.regular_file import read_regular
 from pipeline.dataset.task import Failure, failure_of
 
 # Stages after the first need neither tables nor meshes, and start sooner without.
@@ -113,7 +114,7 @@ def read_records(root: Path) -> Records:
         A missing or damaged file.
     """
     try:
-        text = (root / RECORDS).read_bytes()
+        text = read_regular(root / RECORDS)
     except OSError as error:
         raise _unreadable(error) from error
     return parse_records(text)

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from objectfolder.errors import InputError
+from objectfolder.products.regular_file import open_regular
 
 Kind = TypeVar("Kind")
 
@@ -45,7 +46,7 @@ def read_yaml(path: Path) -> Any:
         number that versions of YAML read differently.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             content = file.read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES:
             raise yaml.YAMLError(f"more than {MOST_BYTES} bytes")

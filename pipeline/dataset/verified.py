@@ -6,6 +6,7 @@ files themselves.
 """
 
 import contextlib
+import errno
 import functools
 import operator
 import os
@@ -22,7 +23,9 @@ from pydantic_core import to_json
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import code_identity, file_digest
+from objectfolder.products.regular_file import irregular, read_regular
 from pipeline.dataset import products
+from pipeline.dataset.archives import REMEDY
 
 FINGERPRINT = "fingerprint"
 # A file that changed this shortly ago can change again without its time telling.
@@ -93,7 +96,7 @@ class Verified:
                 known |= {name: functools.reduce(operator.getitem, name.split("."), found) for name in names}
             except (KeyError, TypeError) as error:
                 finding = f"it carries no {error.args[0]}"
-                raise FormatError(str(path), finding, "Delete it; a run makes it again.") from error
+                raise FormatError(str(path), finding, REMEDY) from error
             self._changed = True
         return {name: known[name] for name in names}
 
@@ -117,6 +120,8 @@ class Verified:
         ------
         FileNotFoundError
             There is no product.
+        FormatError
+            It is no regular file.
         """
         return self.md5_and_size(path)[0]
 
@@ -132,7 +137,7 @@ class Verified:
         """Read those of these products whose MD5 is not known, several at once; some may be absent."""
         unknown = []
         for path in paths:
-            with contextlib.suppress(FileNotFoundError):
+            with contextlib.suppress(FileNotFoundError, FormatError):
                 if not self._product(path).md5:
                     unknown.append(path)
         if unknown:
@@ -153,7 +158,7 @@ class Verified:
         OSError
             A file that cannot be read, and whatever `read` raises.
         """
-        key, now, state = self._key(path), time.time(), _state(path)
+        key, now, state = self._key(path), time.time(), _state(os.stat(path))
         known, digest = self._kept.sources.get(key, (None, ""))
         if known == state:
             return digest
@@ -187,7 +192,16 @@ class Verified:
 
     def _product(self, path: Path) -> _Product:
         """Return the cache's entry of a product; a new one if its file has changed."""
-        key, state = self._key(path), _state(path)
+        key = self._key(path)
+        try:
+            status = os.stat(path)
+        except OSError as error:
+            if error.errno != errno.ELOOP:
+                raise
+            raise FormatError(str(path), "is a link to itself", REMEDY) from error
+        if kind := irregular(status.st_mode):
+            raise FormatError(str(path), f"is {kind}, not a file", REMEDY)
+        state = _state(status)
         entry = self._kept.products.get(key)
         if entry is None or entry.state != state:
             entry = self._kept.products[key] = _Product(state)
@@ -209,7 +223,7 @@ def _code_path(root: Path) -> Path:
 def _read(path: Path, kind: type[Kind]) -> Kind:
     """Return the content of a file that may be lost at any time: empty where it is not of this kind."""
     with contextlib.suppress(OSError, ValueError):
-        return TypeAdapter(kind).validate_json(path.read_bytes())
+        return TypeAdapter(kind).validate_json(read_regular(path))
     return kind()
 
 
@@ -218,6 +232,5 @@ def _write(path: Path, content: object) -> None:
         write_whole(path, to_json(content))
 
 
-def _state(path: Path) -> State:
-    status = os.stat(path)
+def _state(status: os.stat_result) -> State:
     return status.st_size, status.st_mtime_ns, status.st_ino

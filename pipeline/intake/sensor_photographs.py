@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from objectfolder.errors import InputError
+from objectfolder.products.regular_file import open_regular
 from objectfolder.touch.sensor.ball_prints import Print
 from objectfolder.touch.sensor.marker_tracking import Tracking
 from objectfolder.touch.sensor.own_calibration import OwnCalibration
@@ -178,7 +179,7 @@ def calibration_json(calibration: OwnCalibration, photographs: SensorPhotographs
 
 def _picture(path: Path) -> np.ndarray:
     try:
-        with Image.open(path) as image:
+        with open_regular(path) as file, Image.open(file) as image:
             return np.asarray(image.convert("RGB"))
     except (OSError, ValueError, Image.DecompressionBombError) as error:
         raise InputError(path.name, f"cannot be read ({error})", "Give a picture.") from error

@@ -19,6 +19,7 @@ from typing import Any
 from objectfolder.errors import InputError, MissingPackageError, ObjectFolderError, SimulationError
 from objectfolder.extras import needs_extra
 from objectfolder.products.atomic import atomic_write
+from objectfolder.products.regular_file import open_regular
 from pipeline.dataset.validation import number_of
 
 STORE = "OBJECTFOLDER_STORE"
@@ -169,7 +170,7 @@ class Store:
 
 def copy_file(source: Path, target: Path) -> None:
     """Copy a file atomically, by reference where the file system can."""
-    with open(source, "rb") as original, atomic_write(target) as file:
+    with open_regular(source) as original, atomic_write(target) as file:
         try:
             import fcntl
 
@@ -208,6 +209,9 @@ def disk_error(error: OSError, folder: Path | str) -> ObjectFolderError:
     """Return the project's error for an error of the operating system in a folder."""
     if error.errno in NO_SPACE:
         return SimulationError(str(folder), "no space left", f"Free space there. {KEPT}")
+    if isinstance(error, IsADirectoryError):  # of a file that takes its name, the second name is that
+        where = str(error.filename2 or error.filename or folder)
+        return InputError(where, "is a folder, not a file", "Move it away; a run makes the file.")
     finding = f"cannot be used ({error.strerror or error})"
     return InputError(str(folder), finding, "Correct the rights or the disk of this folder.")
 

@@ -1,6 +1,7 @@
 """The scenarios of a stage that converges, executions counted."""
 
 import errno
+import os
 import socket
 from contextlib import nullcontext
 from pathlib import Path
@@ -60,6 +61,28 @@ def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
     toys.converge()
     assert toys.executed() == []  # DVC's cache has it
     assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("kind", [INGESTED, FILES], ids=lambda kind: kind.name)
+def test_what_is_no_file_in_place_of_a_product_is_replaced(toys, kind):
+    toys.converge()
+    toys.executed()
+    paths = [kind.path(toys.root, name) for name in ("ball", "cup", "dish")]
+    whole = [path.read_bytes() for path in paths]
+    for path in paths:
+        path.unlink()
+    os.mkfifo(paths[0])
+    paths[1].symlink_to("/dev/zero")
+    paths[2].symlink_to(paths[2].name)
+    summaries = toys.converge()
+    assert not any(summary.failures for summary in summaries)
+    assert [path.read_bytes() for path in paths] == whole
+    toys.executed()
+    paths[0].unlink()
+    paths[0].mkdir()  # somebody's, so it stays
+    failure = next(failure for summary in toys.converge() for failure in summary.failures)
+    assert failure.error.startswith(str(paths[0]))
+    assert "is a folder, not a file" in failure.error
 
 
 def test_a_product_under_another_name_is_not_taken_for_its_own(toys):

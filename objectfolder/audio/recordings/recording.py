@@ -10,6 +10,7 @@ from scipy import signal
 from scipy.io import wavfile
 
 from objectfolder.errors import InputError
+from objectfolder.products.regular_file import open_regular
 
 Floats = NDArray[np.float64]
 # Rumble of rooms and hands below it hides where a strike begins.
@@ -72,7 +73,8 @@ def read_recording(path: Path | str) -> Recording:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks of notes and names
-            rate, stored = wavfile.read(path)
+            with open_regular(path) as file:
+                rate, stored = wavfile.read(file)
     except (OSError, ValueError) as error:
         raise InputError(str(path), f"cannot be read ({error})", "Give a WAV file.") from error
     faults = []

@@ -9,6 +9,7 @@ from zipfile import BadZipFile, ZipFile
 
 from objectfolder.errors import InputError
 from objectfolder.mesh.readers.files import LARGEST_FILE_BYTES
+from objectfolder.products.regular_file import open_regular
 from objectfolder.surface.codec import LARGEST_COUNT
 
 MOST_FACES = 2 * LARGEST_COUNT
@@ -35,7 +36,7 @@ def refuse_many_faces(path: Path) -> None:
 def face_count(path: Path) -> int:
     """Count the faces of a file, polygons as one; 0 where nothing says, as in a text STL."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(2**16)
         suffix = path.suffix.lower()
         if suffix == ".obj":
@@ -60,7 +61,7 @@ def face_count(path: Path) -> int:
 
 def _blocks(path: Path) -> Iterator[bytes]:
     """Yield a file in parts; a line's start is in one part with what is before it."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         before = b"\n"
         while block := file.read(_CHUNK_BYTES):
             yield before + block
@@ -95,7 +96,7 @@ def _gltf_faces(path: Path, head: bytes) -> int:
         start, size = 20, int.from_bytes(head[12:16], "little")
     if size > _LARGEST_JSON_BYTES:
         return 0
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         file.seek(start)
         header = json.loads(file.read(size).decode("utf-8-sig"))
     accessors = header["accessors"]

@@ -14,6 +14,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from objectfolder.errors import InputError
+from objectfolder.products.regular_file import read_regular
 
 LARGEST_FILE_BYTES = 2**29
 """Of a mesh or an image; a larger one would not fit the memory of one task once it is read."""
@@ -127,7 +128,7 @@ def read_bytes(path: Path, most: int = LARGEST_FILE_BYTES) -> bytes:
                 f"has {size} bytes, more than the {most} that are read",
                 "Reduce its number of triangles or texels",
             )
-        return path.read_bytes()
+        return read_regular(path)
     except OSError as problem:
         raise InputError(str(path), f"cannot be read ({problem.strerror})", "Correct the path") from problem
 

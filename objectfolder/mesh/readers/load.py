@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from objectfolder.products.regular_file import open_regular
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.blender import BLENDER_SUFFIXES, blender_files, read_with_blender
@@ -253,7 +254,7 @@ def _refuse_foreign(path: Path) -> None:
         An empty file, a pointer, a web page, an archive, a picture, or a mesh of another format.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(_HEAD_BYTES)
     except OSError:
         return  # reading says why

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from objectfolder.errors import FormatError, InputError
+from objectfolder.products.regular_file import require_regular
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +87,7 @@ class HalfFloatTable:
             A file that is not there, or no table.
         """
         try:
+            require_regular(path)
             stored = np.load(path, allow_pickle=False)
             if not np.issubdtype(stored.dtype, np.floating):
                 raise ValueError(f"its type is {stored.dtype}")

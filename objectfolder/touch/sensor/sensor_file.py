@@ -19,6 +19,7 @@ from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.plugins import SENSORS, find_plugin, plugin_names
 from objectfolder.products.atomic import write_whole
+from objectfolder.products.regular_file import read_regular
 from objectfolder.renaming import REMOVED_IN
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.illumination import Illumination, photometric_table
@@ -319,7 +320,7 @@ def _yaml(path: Path) -> dict[str, Any]:
     # Safe all the same, and ten times as fast where it is built.
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        content = loader(path.read_text(encoding="utf-8")).get_single_data()
+        content = loader(read_regular(path).decode()).get_single_data()
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(str(path), f"cannot be read ({error})", "It must be a YAML file.") from error
     if not isinstance(content, dict):

@@ -10,6 +10,7 @@ from pathlib import Path
 from objectfolder.catalogue import COLUMNS
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
+from objectfolder.products.regular_file import read_regular
 from pipeline.intake import disk
 
 BYTE_ORDER_MARK = "\ufeff"
@@ -63,7 +64,7 @@ def read_table(path: Path) -> Table:
     records, cells = [], []
     start = 0
     try:
-        lines = list(io.StringIO(path.read_bytes().decode("utf-8"), newline=""))
+        lines = list(io.StringIO(read_regular(path).decode("utf-8"), newline=""))
         # The mark stays in the text of the header, and is no part of the first column's name.
         reader = csv.reader((line.removeprefix(BYTE_ORDER_MARK) for line in lines), strict=True)
         for row in reader:

@@ -18,6 +18,7 @@ from urllib3.exceptions import HTTPError, MaxRetryError
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.atomic import write_whole
+from objectfolder.products.regular_file import open_regular
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.http_client import (
     LEAST_BYTES,
@@ -52,7 +53,7 @@ class Expected:
 
     def difference(self, path: Path) -> str:
         """Return how a file differs from what is expected, with both values; empty if it does not."""
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             actual = {"size": path.stat().st_size, "md5": hashlib.file_digest(file, "md5").hexdigest()}
         for name, value in actual.items():
             expected = getattr(self, name)

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import file_digest
+from objectfolder.products.regular_file import read_regular
 from pipeline.intake.disk import locked, writing
 from pipeline.intake.sources.source import SourceObject
 
@@ -161,7 +162,7 @@ def write_forms(folder: Path, source_object: SourceObject, forms: Mapping[str, F
 def read_forms(folder: Path) -> dict[str, Form]:
     """Return the forms by resolution of `source.json`; none where it is absent or no such record."""
     try:
-        record = json.loads((folder / RECORD).read_bytes())
+        record = json.loads(read_regular(folder / RECORD))
         return TypeAdapter(dict[str, Form]).validate_python(record["resolutions"])
     except (OSError, ValueError, KeyError, TypeError):
         return {}

@@ -18,6 +18,7 @@ from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody, listening_gain, write_wav
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
+from objectfolder.products.regular_file import open_regular, read_regular, require_regular
 from objectfolder.query_values import real
 from objectfolder.touch.sensor.reading import synthetic_background
 from objectfolder.vision.cameras import look_at
@@ -207,6 +208,7 @@ def _read_numbers(
 ) -> np.ndarray:
     """Read finite numbers as float64, with one of these lengths of the last axis and numbers of axes."""
     try:
+        require_regular(path)
         values = np.asarray(np.load(path, allow_pickle=False), dtype=np.float64)
     except (ValueError, TypeError) as error:
         finding = f"not an .npy file of numbers ({error})"
@@ -260,7 +262,7 @@ def _environment(path: Path) -> np.ndarray:
     os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
     import cv2
 
-    content = np.frombuffer(path.read_bytes(), np.uint8)
+    content = np.frombuffer(read_regular(path), np.uint8)
     image: Any = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     if image is None or image.ndim != 3 or image.dtype.kind != "f":
         raise InputError(str(path), "not a map of linear radiance", "Give an OpenEXR or Radiance HDR file.")
@@ -274,7 +276,7 @@ def _background(request: Pressing, sensor: Any) -> np.ndarray | None:
     if request.background == "synthetic":
         return synthetic_background(sensor, request.noise_seed or 0)
     try:
-        with Image.open(request.background) as image:
+        with open_regular(request.background) as file, Image.open(file) as image:
             size = (sensor.image_width, sensor.image_height)
             return np.asarray(image.convert("RGB").resize(size, Image.Resampling.BILINEAR))
     except OSError as error:

@@ -13,6 +13,7 @@ import jinja2
 
 from objectfolder.fidelity.contacts import PIXELS
 from objectfolder.products.provenance import canonical_json
+from objectfolder.products.regular_file import open_regular
 from objectfolder.products.store import Product
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, REPORTED, number_at
@@ -164,7 +165,7 @@ def page_name(object_id: str) -> str:
 def shown_fingerprint(page: Path) -> tuple[str | None, bool]:
     """Return the fingerprint in a page, None for a page without one, and whether it has a player."""
     try:
-        with page.open("rb") as file:
+        with open_regular(page) as file:
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
         return None, False

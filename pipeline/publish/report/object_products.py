@@ -14,6 +14,7 @@ from numcodecs import Blosc
 
 from objectfolder.errors import FormatError
 from objectfolder.products.provenance import canonical_json, file_digest
+from objectfolder.products.regular_file import open_regular, require_regular
 from objectfolder.products.store import Array, Product
 from objectfolder.products.tensor_file import read_metadata
 from pipeline.dataset.archives import END, describe, errors_of, read_chunk
@@ -93,6 +94,7 @@ class ObjectProducts:
         path.stat()
         if kind not in self._archives:
             with errors_of(path):
+                require_regular(path)
                 self._archives[kind] = self.opened.enter_context(zipfile.ZipFile(path))
         return self._archives[kind]
 
@@ -145,7 +147,7 @@ def _digest(path: Path, read: Callable[[Path], str], verified: Verified) -> str:
 
 def _directory_digest(path: Path) -> str:
     """Return a hash of the directory of an archive, which has the checksum of every entry."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         file.seek(-END.size, os.SEEK_END)
         *_, size, start, _ = END.unpack(file.read())
         file.seek(start)
