@@ -1,6 +1,11 @@
 """Errors that name the object or file, the finding and the remedy."""
 
 
+def printable(text: object) -> str:
+    """Replace characters that a terminal would obey by ``?``: parts of a text come from untrusted files."""
+    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in str(text))
+
+
 class ObjectFolderError(Exception):
     """Any failure a user can act on.
 
@@ -22,7 +27,7 @@ class ObjectFolderError(Exception):
 
     def __str__(self) -> str:
         message = f"{self.where}: {self.finding}"
-        return f"{message}. {self.remedy}" if self.remedy else message
+        return printable(f"{message}. {self.remedy}" if self.remedy else message)
 
 
 class InputError(ObjectFolderError):

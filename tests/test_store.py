@@ -1,5 +1,7 @@
 """Products: equal data, equal bytes; whole or not there."""
 
+import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from objectfolder.errors import FormatError
 from objectfolder.products.store import Array, Product, read_attributes, read_product, write_product
+from pipeline.dataset import archives
 
 
 def _product() -> Product:
@@ -66,6 +69,27 @@ def test_a_truncated_product_is_refused_by_name(
     for read in (read_product, read_attributes):
         with pytest.raises(FormatError, match=r"mug\.zarr\.zip"):
             read(path)
+
+
+@pytest.mark.parametrize(
+    ("shape", "chunks", "fill"),
+    [([10**15, 4], [3, 4], 0.0), ([3.0, 4], [3, 4], 0.0), ([3, 4], [0, 0], 0.0), ([3, 4], [3, 4], "none")],
+    ids=["petabytes", "fraction", "empty chunks", "filled with text"],
+)
+def test_a_description_that_promises_what_cannot_be_is_refused(tmp_path, shape, chunks, fill):
+    path, other = tmp_path / "mug.zarr.zip", tmp_path / "other.zarr.zip"
+    write_product(path, Product({"values": Array(np.ones((3, 4)), ("row", "column"), "1", "values")}, {}))
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(other, "w") as changed:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name == "values/zarr.json":
+                described = json.loads(content) | {"shape": shape, "fill_value": fill}
+                described["chunk_grid"]["configuration"]["chunk_shape"] = chunks
+                content = json.dumps(described).encode()
+            changed.writestr(name, content)
+    for read in (read_product, archives.check):
+        with pytest.raises(FormatError, match=r"other\.zarr\.zip"):
+            read(other)
 
 
 def test_an_array_that_is_not_there_is_named(tmp_path: Path) -> None:

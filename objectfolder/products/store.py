@@ -162,7 +162,9 @@ def read_product(path: Path | str, names: tuple[str, ...] | None = None) -> Prod
                 stored.attrs["chunk_first"],
             )
         return Product(arrays, dict(group.attrs))
-    except (zipfile.BadZipFile, KeyError, ValueError, RuntimeError) as error:
+    except FormatError:
+        raise
+    except Exception as error:  # of Zarr and its codecs, and memory that a description promises to fill
         raise FormatError(str(path), f"damaged product ({error})", REMAKE) from error
     finally:
         group.store.close()
@@ -176,7 +178,7 @@ def read_attributes(path: Path | str) -> dict[str, Any]:
             attributes = json.loads(archive.read("zarr.json"))["attributes"]
     except FileNotFoundError:
         raise
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError) as error:
+    except Exception as error:  # of zipfile and JSON
         raise FormatError(str(path), f"not a readable product ({error})", REMAKE) from error
     assert isinstance(attributes, dict)
     return attributes

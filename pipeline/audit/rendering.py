@@ -11,7 +11,7 @@ import jinja2
 from pydantic_core import to_json
 from rich.filesize import decimal
 
-from objectfolder.errors import ObjectFolderError
+from objectfolder.errors import ObjectFolderError, printable
 from pipeline.audit.fidelity import MEASURES, FidelityChange
 from pipeline.audit.findings import Audit, change, cost, counts, groups, names, numbered, totals, value
 from pipeline.audit.history import GONE, ObjectVersion, Unreadable
@@ -103,7 +103,7 @@ def _rendered(template: str, width: int, **context: object) -> str:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_printable,
+        finalize=printable,
     )
 
     def wrapped(text: str, indent: str = "") -> str:
@@ -118,11 +118,6 @@ def _rendered(template: str, width: int, **context: object) -> str:
     }  # fmt: skip
     text = environment.get_template(f"{template}.txt.j2").render(context)
     return re.sub(r"\n{3,}", "\n\n", text).strip("\n")
-
-
-def _printable(value: object) -> str:
-    """Replace characters that a terminal would obey: parts of the text come from untrusted files."""
-    return "".join(letter if letter.isprintable() or letter == "\n" else "?" for letter in str(value))
 
 
 def _measured(fidelity: Mapping[str, float]) -> str:

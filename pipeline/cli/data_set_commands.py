@@ -9,7 +9,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import MutuallyExclusive, Number
 
 from pipeline.cli.options import AtLeastOne, Cluster, Json, Root
-from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, print_result, status_line
+from pipeline.cli.printing import FAILED, FINE, RESUMED, on_interrupt, print_result, print_text, status_line
 from pipeline.cli.usage import UsageError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def _report_run(run: "StageRun", *, json: bool) -> int:
     if json:
         print(json_text.dumps(asdict(run), indent=1))
     elif run.notes:
-        print("\n".join(run.notes))
+        print_text("\n".join(run.notes))
     return run.exit_code
 
 
@@ -143,7 +143,7 @@ def failures(*, retry: bool = False, json: Json = False, root: Root = Path("."))
     if json:
         print(json_text.dumps([asdict(entry) for entry in failed_objects], indent=1))
     elif failed_objects:
-        print(f"{failure_table(failed_objects)}\n`dvc repro` tries them again.")
+        print_text(f"{failure_table(failed_objects)}\n`dvc repro` tries them again.")
     return FAILED if failed_objects else FINE
 
 
@@ -161,7 +161,7 @@ def select(*, table: str | None = None, only: str | None = None, root: Root = Pa
     from pipeline.dataset.selection import select as chosen
 
     for line in chosen(root / PARAMETERS, table, only):
-        print(line)
+        print_text(line)
 
 
 def status(*, json: Json = False, root: Root = Path(".")) -> int:
@@ -179,7 +179,7 @@ def status(*, json: Json = False, root: Root = Path(".")) -> int:
         print(json_lines([entry.as_mapping() for entry in found], 1))
     else:
         running = owner(root.absolute())
-        print(f"in use by {running}\n\n{table(found)}" if running else table(found))
+        print_text(f"in use by {running}\n\n{table(found)}" if running else table(found))
     return FINE if all(one.state == CURRENT for one in found) else FAILED
 
 

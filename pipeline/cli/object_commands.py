@@ -17,6 +17,7 @@ from pipeline.cli.printing import (
     end_at_once,
     on_interrupt,
     print_result,
+    print_text,
     status_line,
 )
 from pipeline.publish.queries.requests import (
@@ -70,15 +71,15 @@ def build(
         }
         print(json_text.dumps(figures, indent=1))
         return
-    print(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
-    print(f"looks        {built.looks}")
+    print_text(f"{output}: {output.stat().st_size / 1e6:.2f} MB")
+    print_text(f"looks        {built.looks}")
     for warning in built.warnings:
-        print(f"warning      {warning}")
+        print_text(f"warning      {warning}")
     from pipeline.publish.queries.description import fidelity_lines  # a refused mesh needs none of it
 
-    print("\n".join(fidelity_lines(objectfolder.load(output))))
+    print_text("\n".join(fidelity_lines(objectfolder.load(output))))
     steps = ", ".join(f"{name} {value:.1f}" for name, value in built.cpu_s.items())
-    print(f"cost         {sum(built.cpu_s.values()):.1f} CPU-s ({steps})")
+    print_text(f"cost         {sum(built.cpu_s.values()):.1f} CPU-s ({steps})")
 
 
 def info(file: ObjectFilePath, /, *, json: Json = False) -> None:
@@ -91,7 +92,7 @@ def info(file: ObjectFilePath, /, *, json: Json = False) -> None:
         described = {**opened.description, "bytes": opened.bytes_by_part()}
         print(json_text.dumps(described, indent=2, ensure_ascii=False))
     else:
-        print("\n".join(info_lines(opened, file)))
+        print_text("\n".join(info_lines(opened, file)))
 
 
 def sample(
@@ -224,7 +225,7 @@ def modes(
         from pipeline.publish.queries.mesh_modes import modes_table, solve_modes
 
         result = solve_modes(mesh, request)
-    print(json_text.dumps(result) if json else modes_table(result))
+    print_text(json_text.dumps(result) if json else modes_table(result))
     return FAILED if result.get("accuracy_reached") is False else FINE
 
 
@@ -250,7 +251,7 @@ def fit_sound(
         result = fit_sounds(files, request, show)
     if output is not None:
         write_row(output, result["material"])
-    print(json_text.dumps(result) if json else fit_lines(result))
+    print_text(json_text.dumps(result) if json else fit_lines(result))
 
 
 def view(*files: ObjectFilePath, port: int = 0, no_browser: bool = False) -> None:

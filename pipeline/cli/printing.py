@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, NoReturn
 
+from objectfolder.errors import printable
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -21,12 +23,17 @@ Show = Callable[[str], None]
 
 def print_error(error: object) -> None:
     """Print an error on standard error, in a line."""
-    print(f"objectfolder: {error}", file=sys.stderr)
+    print(f"objectfolder: {printable(error)}", file=sys.stderr)
+
+
+def print_text(text: object) -> None:
+    """Print a text for people at once; what a terminal would obey is replaced."""
+    print(printable(text), flush=True)
 
 
 def print_result(result: "DataclassInstance", *, json: bool) -> None:
     """Print a result on standard output, in words or as JSON."""
-    print(json_text.dumps(asdict(result), indent=1) if json else result)
+    print(json_text.dumps(asdict(result), indent=1) if json else printable(result))
 
 
 def terminal_width(otherwise: int = 100) -> int:

@@ -29,6 +29,7 @@ from pipeline.cli.printing import (
     on_interrupt,
     print_error,
     print_result,
+    print_text,
     status_line,
 )
 from pipeline.cli.usage import UsageError
@@ -48,7 +49,7 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
         from pipeline.publish.data_set import REPORTS, write_cards
 
         written = write_cards(root, output or root / REPORTS)
-    print("\n".join(map(str, written)))
+    print_text("\n".join(map(str, written)))
 
 
 def release(
@@ -118,7 +119,7 @@ def get(
     if list_ids:
         with single_objects.opened(repository, remote) as published:
             listing = sorted(published.products(single_objects.OBJECT_FILES))
-        print(json_text.dumps(listing) if json else "\n".join(listing))
+        print_text(json_text.dumps(listing) if json else "\n".join(listing))
         return FINE
     figures: list[dict[str, str | int]] = []
     outcomes, arrived = [], [0]
@@ -138,7 +139,7 @@ def get(
             size = got.path.stat().st_size
             figures.append({"file": str(got.path), "bytes": size, "outcome": got.outcome})
             if not json:
-                print(f"{got.path}  {size / 1e6:.2f} MB, {got.outcome}")
+                print_text(f"{got.path}  {size / 1e6:.2f} MB, {got.outcome}")
     if json:
         print(json_text.dumps(figures, indent=1))
     if failed := outcomes.count(single_objects.FAILED):
@@ -178,7 +179,7 @@ def export(
         for summary in write_exports(objects, root, request, output):
             figures.append(summary.as_json())
             if not json:
-                print(summary, flush=True)
+                print_text(summary)
     if json:
         print(json_text.dumps(figures, indent=1))
 
@@ -391,4 +392,4 @@ def export_samples(
     if json:
         print(json_text.dumps({"folder": str(output), **counts}))
         return
-    print(f"{output}: {counts['train']} samples to train and {counts['test']} to test")
+    print_text(f"{output}: {counts['train']} samples to train and {counts['test']} to test")

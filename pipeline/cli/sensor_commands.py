@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pipeline.cli.options import Json, Output
 from pipeline.cli.output_paths import check_new_file
-from pipeline.cli.printing import FINE, status_line
+from pipeline.cli.printing import FINE, print_text, status_line
 
 
 def calibrate(
@@ -49,16 +49,16 @@ def calibrate(
     check_new_file(output, overwrite=overwrite)
     shots = read_photographs(photographs, untouched)
     for fault in () if json else shots.faults:
-        print(fault)
+        print_text(fault)
     base = read_sensor(sensor).at_resolution(*shots.untouched.shape[:2])
     if pixels_per_mm is not None:
         base = at_magnification(base, pixels_per_mm * 1e3)
     with status_line("calibrating"):
         answer = calibrated(shots.pictures, shots.untouched, base, ball / 2e3)
     text = calibration_text(answer, shots.names)
-    print(calibration_json(answer, shots) if json else text)
+    print_text(calibration_json(answer, shots) if json else text)
     own_sensor = replace(answer.sensor, name=output.stem)
     write_sensor(output, own_sensor, f"Calibrated by a ball of {ball:g} mm, otherwise as {sensor}.\n{text}")
     if not json:
-        print(f"{output}, {output.with_suffix('.npy').name}, {output.stem}-response.npy")
+        print_text(f"{output}, {output.with_suffix('.npy').name}, {output.stem}-response.npy")
     return FINE

@@ -16,6 +16,7 @@ from pipeline.cli.printing import (
     RESUMED,
     on_interrupt,
     print_error,
+    print_text,
     status_line,
     terminal_width,
 )
@@ -74,7 +75,7 @@ def add(
             checked = files.enter_context(checked_object(request))
         lines, figures = lines_about(checked), checked.figures()
         if not json:
-            print("\n".join(lines))
+            print_text("\n".join(lines))
         if not dry_run:
             added = put_object(checked, table, replace=replace)
     if not dry_run:
@@ -87,18 +88,20 @@ def add(
         }
         what = "added to" if added.changed else "is in"
         if not json:
-            print(f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}")
+            print_text(
+                f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}"
+            )
         preview = preview or added.folder.parent / f"{checked.object_id}.png"
     if preview and not no_preview:
         figures["picture"] = str(preview)
         with status_line("drawing a picture"):
             preview_of(checked, preview, lines)
         if not json:
-            print(f"picture      {preview}")
+            print_text(f"picture      {preview}")
     if json:
         print(json_text.dumps(figures, indent=1))
     elif not dry_run:
-        print(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")
+        print_text(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")
 
 
 def check(
@@ -134,7 +137,7 @@ def check(
             with_meshes=not no_meshes,
             progress=lambda done, rows, object_id: show(f"{done} of {rows}  {object_id}"),
         )
-    print(as_json(report, table) if json else text(report, table, terminal_width(120)))
+    print_text(as_json(report, table) if json else text(report, table, terminal_width(120)))
     failing = report.count(ERROR) + (report.count(WARNING) if strict else 0)
     return FAILED if failing else FINE
 
@@ -182,7 +185,7 @@ def fetch(
         if list_source:
             source = source_named(list_source)
             names = [source.source_id(name) for name in fetcher.names(source)]
-            print(json_text.dumps(names) if json else "\n".join(names))
+            print_text(json_text.dumps(names) if json else "\n".join(names))
             return FINE
         if table:
             ids = tuple(table_ids(table, only))
@@ -210,11 +213,11 @@ def _fetch(
             continue
         fetched.append(outcome)
         if not json:
-            print(f"{count}{lines_of(outcome)}", flush=True)
+            print_text(f"{count}{lines_of(outcome)}")
     if json:
         print(json_text.dumps([entry.figures() for entry in fetched], indent=1))
     elif rows_and_count := summary(fetched, table, rows, len(ids)):
-        print(rows_and_count)
+        print_text(rows_and_count)
     if failed and len(ids) > 1:
         print_error(f"{len(failed)} of {len(ids)} failed; the same command resumes:")
         print_error("\n".join(failed))
@@ -235,18 +238,18 @@ def _list_missing(
             print_error(error)
             continue
         if not json:
-            print(f"{source_id}  {f'{len(missing)} to fetch' if missing else 'already there'}")
+            print_text(f"{source_id}  {f'{len(missing)} to fetch' if missing else 'already there'}")
         for entry in missing:
             figures.append({"id": source_id, "url": str(entry.url), "bytes": entry.size})
             total += entry.size or 0
             unknown += entry.size is None
             size = "size unknown" if entry.size is None else f"{entry.size / 1e6:.2f} MB"
             if not json:
-                print(f"  {entry.url}  {size}")
+                print_text(f"  {entry.url}  {size}")
     if json:
         print(json_text.dumps(figures, indent=1))
     else:
-        print(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
+        print_text(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
     return FAILED if failed else FINE
 
 

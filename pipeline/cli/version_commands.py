@@ -9,7 +9,7 @@ from cyclopts.validators import Number
 
 from pipeline.cli.options import Json, Overwrite, Remote, Root
 from pipeline.cli.output_paths import check_new_file
-from pipeline.cli.printing import FAILED, FINE, print_error, status_line, terminal_width
+from pipeline.cli.printing import FAILED, FINE, print_error, print_text, status_line, terminal_width
 
 
 def audit(
@@ -74,7 +74,7 @@ def audit(
         more = {"stages": totals(result), "max_loss": allowed, "exceeded": too_much}
         print(as_json(vars(result) | more))
     else:
-        print(audit_text(result, too_much, allowed, terminal_width()))
+        print_text(audit_text(result, too_much, allowed, terminal_width()))
     if result.problems:
         print_error(
             f"not all could be compared ({len(result.problems)} could not be read), so more may have "
@@ -136,7 +136,7 @@ def verify(
     if json:
         print(as_json(vars(result) | {"remade": remade}))
     else:
-        print(verified_text(result, remade, version.label, terminal_width()))
+        print_text(verified_text(result, remade, version.label, terminal_width()))
     faulty = result.findings or any(product.verdict in (DIFFERENT, NOT_MADE) for product in remade)
     return FAILED if faulty else FINE
 
@@ -170,4 +170,4 @@ def history(
         commits = [{"commit": commit, "error": error} for commit, error in unreadable]
         print(as_json({"object_id": object_, "versions": versions, "unreadable": commits}))
     else:
-        print(history_text(object_, versions, unreadable, terminal_width()))
+        print_text(history_text(object_, versions, unreadable, terminal_width()))

@@ -36,6 +36,7 @@ CODECS = ("bytes", "blosc")
 # Four of versions, flags and size of an item, then bytes before and after compression, and of a block.
 BLOSC_HEADER_BYTES = 16
 END = struct.Struct("<4s4H2LH")  # the last record of an archive without a comment
+NO_NUMBERS = ("NaN", "Infinity", "-Infinity")  # as Zarr writes them
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 _CHUNK = re.compile(r"c(/\d{1,9}){0,32}")
 
@@ -135,6 +136,9 @@ def described_bytes(name: str, description: dict[str, Any]) -> tuple[int, int]:
         raise ValueError(f"{name} is of type {description['data_type']!r}")
     if tuple(codecs) != CODECS or description.get("storage_transformers"):
         raise ValueError(f"{name} is stored by {codecs}")
+    fill = description["fill_value"]
+    if isinstance(fill, str) and fill not in NO_NUMBERS:
+        raise ValueError(f"{name} is filled with {fill[:20]!r}")
     if len(chunks) != len(shape) or not all(type(size) is int and size >= 0 for size in (*shape, *chunks)):
         raise ValueError(f"{name} has shape {shape} in chunks of {chunks}")
     item = ITEM_BYTES[description["data_type"]]

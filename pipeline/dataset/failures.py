@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from objectfolder.errors import InputError
+from objectfolder.errors import InputError, printable
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.regular_file import read_regular
 from pipeline.dataset.task import Failure
@@ -116,7 +116,7 @@ def failure_table(failures: Sequence[FailedObject], width: int | None = None) ->
         return ""
     table = Table("object", "stage", "error", "remedy", box=None, padding=(0, 2, 0, 0), highlight=False)
     for failure in failures:
-        table.add_row(failure.object, failure.stage, failure.error, failure.remedy)
+        table.add_row(*map(printable, (failure.object, failure.stage, failure.error, failure.remedy)))
     return table_text(table, width)
 
 

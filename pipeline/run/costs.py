@@ -17,6 +17,7 @@ from filelock import FileLock
 
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.products.atomic import write_whole
+from objectfolder.products.regular_file import open_regular, require_regular
 from pipeline.dataset.task import Outcome
 
 COLUMNS = (
@@ -69,6 +70,7 @@ def read_costs(path: Path) -> list[Cost]:
         The file is no text, or a table without the columns object and stage.
     """
     try:
+        require_regular(path)
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             missing = {"object", "stage"} - set(reader.fieldnames or ())
@@ -77,7 +79,7 @@ def read_costs(path: Path) -> list[Cost]:
             return [_cost(row) for row in reader]
     except (FileNotFoundError, NotADirectoryError):
         return []
-    except (csv.Error, UnicodeDecodeError) as error:
+    except (csv.Error, UnicodeDecodeError, OSError) as error:
         raise InputError(str(path), f"not a table ({error})", REMEDY) from error
 
 
@@ -174,7 +176,7 @@ def unwritable(path: Path, error: OSError) -> SimulationError:
 def is_cut(path: Path) -> bool:
     """Return whether a kill cut the last line of a file short; False where there is no file."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) != b"\n"
     except OSError:  # no file, or an empty one
@@ -202,6 +204,8 @@ def _writing(path: Path) -> Iterator[None]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(path.with_suffix(".lock")):
+            if path.exists():
+                require_regular(path)
             yield
     except OSError as error:
         raise unwritable(path, error) from error
