@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
+from objectfolder.products.regular_file import require_regular
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
 from pipeline.dataset.failures import FailedObject, read_failures
@@ -208,6 +209,7 @@ def _lying(contents: Contents, kind: ProductKind) -> Folder:
         path = kind.path(contents.root, object_id)
         where = path.relative_to(contents.root).as_posix()
         try:
+            require_regular(path)
             _, digest = hash_file(str(path), localfs, "md5", state=contents.repository.state)
         except OSError as error:
             return Folder(

@@ -54,7 +54,7 @@ def list_products(root: Path, stages: Iterable[Stage], verified: Verified) -> li
     for stage in stages:
         for kind in stage.products:
             paths = {object_id: kind.path(root, object_id) for object_id in kind.object_ids(root)}
-            verified.hash_products(paths.values())
+            verified.md5s(paths.values())  # several at once
             for object_id, path in paths.items():
                 with contextlib.suppress(FormatError, FileNotFoundError):
                     made_from = verified.attributes(path, (FINGERPRINT,))[FINGERPRINT]

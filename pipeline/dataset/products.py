@@ -122,7 +122,7 @@ def read_fingerprint(path: Path) -> str | None:
     return fingerprint
 
 
-def md5_of(path: Path) -> str:
+def md5_of(path: Path | str) -> str:
     """Return the MD5 of a file, 32 hex digits: the name under which DVC's cache has it."""
     with open_regular(path) as file:
         return hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()

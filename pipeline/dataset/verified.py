@@ -113,7 +113,7 @@ class Verified:
             return False
         return True
 
-    def md5(self, path: Path) -> str:
+    def md5(self, path: Path | str) -> str:
         """Return the MD5 of a product's bytes.
 
         Raises
@@ -125,7 +125,7 @@ class Verified:
         """
         return self.md5_and_size(path)[0]
 
-    def md5_and_size(self, path: Path) -> tuple[str, int]:
+    def md5_and_size(self, path: Path | str) -> tuple[str, int]:
         """Return the MD5 of a product's bytes, and their number; raises as `md5` does."""
         entry = self._product(path)
         if not entry.md5:
@@ -133,16 +133,22 @@ class Verified:
             self._changed = True
         return entry.md5, entry.state[0]
 
-    def hash_products(self, paths: Iterable[Path]) -> None:
-        """Read those of these products whose MD5 is not known, several at once; some may be absent."""
-        unknown = []
-        for path in paths:
-            with contextlib.suppress(FileNotFoundError, FormatError):
-                if not self._product(path).md5:
-                    unknown.append(path)
+    def md5s(self, paths: Iterable[Path | str]) -> list[str]:
+        """Return the MD5 of each of these products, empty for what is no file; many are read at once."""
+        digests: list[str] = []
+        unknown: dict[int, Path | str] = {}
+        for index, path in enumerate(paths):
+            try:
+                digests.append(self._product(path).md5)
+                if not digests[-1]:
+                    unknown[index] = path
+            except (FileNotFoundError, FormatError):
+                digests.append("")
         if unknown:
             with ThreadPoolExecutor() as pool:
-                list(pool.map(self.md5, unknown))
+                for index, digest in zip(unknown, pool.map(self.md5, unknown.values()), strict=True):
+                    digests[index] = digest
+        return digests
 
     def add(self, path: Path, fingerprint: str) -> None:
         """Note a product with this fingerprint as checked."""
@@ -190,7 +196,7 @@ class Verified:
         _write(self._path, self._kept)
         self._changed = False
 
-    def _product(self, path: Path) -> _Product:
+    def _product(self, path: Path | str) -> _Product:
         """Return the cache's entry of a product; a new one if its file has changed."""
         key = self._key(path)
         try:
@@ -207,7 +213,7 @@ class Verified:
             entry = self._kept.products[key] = _Product(state)
         return entry
 
-    def _key(self, path: Path) -> str:
+    def _key(self, path: Path | str) -> str:
         return str(path).removeprefix(self._prefix)
 
 

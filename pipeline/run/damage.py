@@ -1,16 +1,31 @@
 """Products whose bytes are not those of the manifest: set aside before a run, so that it makes them again."""
 
+import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from objectfolder.errors import FormatError
 from pipeline.dataset.manifest import Entry
 from pipeline.dataset.products import STATE, md5_of
 from pipeline.dataset.verified import FINGERPRINT, Verified
+from pipeline.run.converge import Summary
 from pipeline.store.product_cache import ProductCache
 
 SET_ASIDE = Path(STATE) / "damaged"
+
+
+def set_changed_aside(
+    root: Path, entries: Mapping[str, Entry], summaries: Sequence[Summary], verified: Verified
+) -> list[str]:
+    """Move products aside that a run kept, and that have changed since it looked; return their paths.
+
+    `entries` are those of the manifest before the run, which would else list them as they are now.
+    """
+    kept = {(summary.stage, object_id) for summary in summaries for object_id in summary.kept}
+    listed = {where: entry for where, entry in entries.items() if (entry.stage, entry.object) in kept}
+    ran = any(summary.computed for summary in summaries)  # else it has only just looked
+    return set_damaged_aside(root, listed, verified) if ran else []
 
 
 def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verified) -> list[str]:
@@ -26,12 +41,12 @@ def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verifi
         Their paths, from the root on.
     """
     damaged, cache = [], ProductCache(root)
-    verified.hash_products(root / where for where in entries)
-    for where, entry in entries.items():
+    digests = verified.md5s([f"{root}{os.sep}{where}" for where in entries])  # a path each would take as long
+    for (where, entry), digest in zip(entries.items(), digests, strict=True):
+        if digest == entry.md5:
+            continue
         path = root / where
         try:
-            if verified.md5(path) == entry.md5:
-                continue
             if verified.attributes(path, (FINGERPRINT,))[FINGERPRINT] != entry.fingerprint:
                 continue
         except FileNotFoundError:

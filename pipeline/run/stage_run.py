@@ -19,7 +19,7 @@ from pipeline.dataset.records import read_records, read_table
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.verified import Verified
 from pipeline.run.converge import Summary, converge
-from pipeline.run.damage import set_damaged_aside
+from pipeline.run.damage import set_changed_aside, set_damaged_aside
 from pipeline.run.exclusive import exclusive
 from pipeline.store.product_cache import ProductCache
 
@@ -86,6 +86,7 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     cache.add(listed.values())
     set_damaged_aside(root, listed, verified)
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others, verified)
+    changed = set_changed_aside(root, listed, summaries, verified)
     cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), verified))
     verified.save()
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
@@ -95,4 +96,7 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
             f"products removed of objects that {table} does not list: {', '.join(removed[:NAMED])}{more}"
         )
     exit_code = max(summary.exit_code(parameters.allow_failures) for summary in summaries)
+    if changed:
+        notes.append("run again: products changed while this run went on")
+        exit_code = 1
     return StageRun(stages=tuple(summaries), exit_code=exit_code, notes=tuple(notes))

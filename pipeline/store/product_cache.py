@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from objectfolder.products.regular_file import read_regular, require_regular
 from pipeline.dataset import products
 from pipeline.dataset.manifest import Entry
 from pipeline.store import shared
@@ -45,6 +46,8 @@ class ProductCache:
         self._index.update(new)
         if lines:
             (self._root / INDEX).parent.mkdir(exist_ok=True)
+            if (self._root / INDEX).exists():
+                require_regular(self._root / INDEX)
             with (self._root / INDEX).open("a", encoding="ascii") as file:
                 file.write("".join(lines))
 
@@ -89,7 +92,7 @@ class ProductCache:
     def _index(self) -> dict[tuple[str, str], str]:
         """MD5 by fingerprint and name; a line that a kill cut short is passed over."""
         try:
-            lines = (self._root / INDEX).read_text(encoding="ascii", errors="replace").splitlines()
+            lines = read_regular(self._root / INDEX).decode("ascii", "replace").splitlines()
         except FileNotFoundError:
             return {}
         matches = filter(None, map(LINE.fullmatch, lines))

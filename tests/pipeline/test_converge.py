@@ -9,10 +9,13 @@ from pathlib import Path
 import pytest
 from toys import FILES, INGESTED, QUALITY, TUNED, Here
 
-from objectfolder.products.store import read_attributes
+from objectfolder.products.store import read_attributes, read_product, write_product
 from objectfolder.products.tensor_file import read_metadata
 from pipeline.dataset.failures import read_failures
+from pipeline.dataset.manifest import list_products
 from pipeline.dataset.products import read_fingerprint
+from pipeline.dataset.verified import Verified
+from pipeline.run.damage import set_changed_aside
 from pipeline.sandbox import scratch
 
 ALL = sorted(f"{task} {name}" for task in ("ingest", "tune", "encode") for name in ("ball", "cup", "dish"))
@@ -61,6 +64,22 @@ def test_damaged_product_is_noticed_and_made_good(toys, kind, damage):
     toys.converge()
     assert toys.executed() == []  # DVC's cache has it
     assert path.read_bytes() == whole
+
+
+def test_a_product_that_changes_while_a_run_goes_on_is_not_listed_as_it_is_then(toys):
+    toys.converge()
+    verified = Verified(toys.root)
+    listed = {entry.path: entry for entry in list_products(toys.root, toys.stages, verified)}
+    cup, ball = TUNED.path(toys.root, "cup"), TUNED.path(toys.root, "ball")
+    ball.unlink()
+    summaries = toys.converge()
+    fingerprint = read_fingerprint(cup)
+    cup.unlink()
+    write_product(cup, read_product(ball).with_attributes(fingerprint=fingerprint))  # whole, and another's
+    where = str(cup.relative_to(toys.root))
+    assert set_changed_aside(toys.root, listed, summaries, verified) == [where]
+    assert not cup.exists()
+    assert set_changed_aside(toys.root, listed, summaries, verified) == []
 
 
 @pytest.mark.parametrize("kind", [INGESTED, FILES], ids=lambda kind: kind.name)
