@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from objectfolder.products.regular_file import open_regular
 from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.blender import BLENDER_SUFFIXES, blender_files, read_with_blender
@@ -25,6 +24,7 @@ from objectfolder.mesh.readers.stl import read_stl
 from objectfolder.mesh.readers.textures import opaque, read_texture
 from objectfolder.mesh.readers.three_mf import read_three_mf
 from objectfolder.mesh.up_axis import check_up_axis, up_axis, z_up
+from objectfolder.products.regular_file import open_regular
 
 Value = TypeVar("Value")
 
