@@ -21,8 +21,8 @@ def calibrate(
     """Calibrate one's own tactile sensor by photographs of a ball pressed into its gel.
 
     Centre and contact circle of each photograph are found; those without are named. A photometric table is
-    fitted, and how the light changes round a contact. The sensor is written as a file that `sensor` of
-    params.yaml names, with both beside it.
+    fitted, and how the light changes round a contact; and the grid of dark markers, if the gel has one. The
+    sensor is written as a file that `sensor` of params.yaml names, with table and response beside it.
 
     Parameters
     ----------
