@@ -100,9 +100,10 @@ def test_the_page_shows_the_clips_of_each_task_that_there_are(tiny, tmp_path, mo
     monkeypatch.setattr(page, "_retrieved", lambda objects, settings: [])
     monkeypatch.setattr(page, "_shapes", lambda objects, settings: [])
     results = tmp_path / "results"
-    results.mkdir()
     for task in clips.TASKS:
-        (results / f"{task}.json").write_bytes((RESULTS / f"{task}.json").read_bytes())
+        for name in (f"{task}.json", f"settings/{task}.json"):
+            (results / name).parent.mkdir(parents=True, exist_ok=True)
+            (results / name).write_bytes((RESULTS / name).read_bytes())
     (tmp_path / "clips").mkdir()
     for name in ("regrasping_lost_1_a", "grasping_lost_1_b", "grasping_held_1_c"):
         (tmp_path / "clips" / f"{name}.mp4").touch()
