@@ -22,7 +22,7 @@ COPIED = (
     "data/retry.json",
     "dvc.yaml",
     "params.yaml",
-    *(f"learning/{name}" for name in ("dvc.yaml", "dvc.lock", "params.yaml")),
+    *(f"learning/{name}" for name in ("dvc.yaml", "params.yaml")),
 )
 SIGNATURE = pygit2.Signature("t", "t@t")
 

@@ -129,7 +129,7 @@ def calibrate(
     ...     calibrate(grey[None], grey, sensor, ball_m=0.00235)
     ... except InputError as error:
     ...     print(error)
-    photographs: 0 of 1 photographs show a contact circle. At least 3 are needed.
+    photographs: 0 of 1 photographs show a contact circle; ... At least 3 are needed.
     """
     if 2 * ball_m > min(sensor.gel_width_m, sensor.gel_height_m):
         sides = f"{sensor.gel_width_m * 1e3:g} x {sensor.gel_height_m * 1e3:g} mm"
@@ -159,7 +159,7 @@ def calibrate(
     marked = [index for index, mark in enumerate(prints) if isinstance(mark, Print)]
     if len(marked) < LEAST_PRINTS:
         faults = [circle for circle in prints if isinstance(circle, str)]
-        reason = f" (of another: {faults[0]})" if faults else ""
+        reason = f"; the first that does not: {faults[0]}" if faults else ""
         finding = f"{len(marked)} of {len(prints)} photographs show a contact circle{reason}"
         raise InputError("photographs", finding, f"At least {LEAST_PRINTS} are needed.")
     unmarked = np.clip(np.rint(unpressed), 0, 255).astype(np.uint8)
