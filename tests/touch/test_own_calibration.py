@@ -114,7 +114,7 @@ def test_balls_and_photographs_that_cannot_be_are_refused(photographs) -> None:
     for radius in (0.0, float("nan"), RADIUS / 1000):
         with pytest.raises(InputError, match="pixels of pictures of 120 x 160"):
             calibrate(images, untouched, TRUE, radius)
-    with pytest.raises(InputError, match=r"1 of 2 photographs show a contact circle; the first that does not: no mark"):
+    with pytest.raises(InputError, match=r"1 of 2 photographs show a contact circle; the first .*: no mark"):
         calibrate(np.stack([images[7], untouched]), untouched, TRUE, RADIUS)
 
 
