@@ -59,6 +59,7 @@ def declared(workshop):
 
 
 def test_from_the_first_release_to_a_second_that_another_fetches(workshop, run, tmp_path):
+    workshop.restore()
     root, store = workshop.root, declared(workshop)
     status, _, error = run("release", "v1")
     assert (status, "not as in HEAD" in error) == (FAILED, True)
