@@ -86,10 +86,10 @@ def main() -> None:
     parser.add_argument("notebooks", type=Path, nargs="+")
     parser.add_argument("-o", "--output", type=Path, help="folder (default: where they are)")
     parser.add_argument("--here", action="store_true", help="in this process and folder")
-    given = parser.parse_args()
-    for path in map(Path.absolute, given.notebooks):
-        folder = (given.output or path.parent).absolute()
-        if not given.here:
+    arguments = parser.parse_args()
+    for path in map(Path.absolute, arguments.notebooks):
+        folder = (arguments.output or path.parent).absolute()
+        if not arguments.here:
             with tempfile.TemporaryDirectory() as empty:
                 command = [sys.executable, __file__, "--here", "-o", str(folder), str(path)]
                 subprocess.run(command, cwd=empty, check=True)

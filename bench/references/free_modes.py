@@ -45,8 +45,8 @@ class FreeModes:
         radians_per_s = material.shear_speed_m_s / length
         space, _ = space_on(solid, 5, length, bend=True)
         below = (2 * np.pi * LIMIT_HZ / radians_per_s) ** 2
-        wanted = Goal(below, ACCURACY_CENTS, MOST_MODES, MOST_UNKNOWNS, 0)
-        found = adapt_spectrum(space, solid.component, material.poisson_ratio, wanted)
+        goal = Goal(below, ACCURACY_CENTS, MOST_MODES, MOST_UNKNOWNS, 0)
+        found = adapt_spectrum(space, solid.component, material.poisson_ratio, goal)
         frequencies = np.sqrt(found.eta_squared) * radians_per_s / (2 * np.pi)
         boundary = Boundary(solid, found.space, length)
         places = boundary.surface.sample(SIGNED_AT, 0)

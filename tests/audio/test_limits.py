@@ -18,8 +18,8 @@ MODES = 20
 
 def plate_with(limits: Limits = NO_LIMITS, max_unknowns: int = 10**6) -> Spectrum:
     plate = box((5, 5, 1), (1, 1, 0.02))
-    wanted = Goal(np.inf, 8.0, MODES, max_unknowns, 0, limits)
-    return adapt_spectrum(space_on(plate, 4, 1.0)[0], plate.component, 0.3, wanted)
+    goal = Goal(np.inf, 8.0, MODES, max_unknowns, 0, limits)
+    return adapt_spectrum(space_on(plate, 4, 1.0)[0], plate.component, 0.3, goal)
 
 
 @pytest.mark.skipif(SOLVER != "PARDISO", reason="SuperLU does not foretell the memory of its factors")

@@ -95,8 +95,8 @@ WIDE_PLATE = np.array([
 def test_a_wide_thin_plate_has_every_mode_at_the_usual_accuracy() -> None:
     """With order 4 it lacks the last: that is 30 cents too high, and above the limit."""
     plate = box((8, 8, 1), (1, 1, 0.01))
-    wanted = Goal(5.0, 5.0, 200, 180_000, 0)
-    usual = adapt_spectrum(space_on(plate, 5, 1.0)[0], plate.component, 0.3, wanted)
+    goal = Goal(5.0, 5.0, 200, 180_000, 0)
+    usual = adapt_spectrum(space_on(plate, 5, 1.0)[0], plate.component, 0.3, goal)
     assert [step["order"] for step in usual.steps] == [2, 3, 4]  # and 5 at last
     assert len(usual.eta_squared) == len(WIDE_PLATE)
     assert np.abs(600 * np.log2(usual.eta_squared / WIDE_PLATE)).max() < 10

@@ -36,8 +36,8 @@ def faults(watched):
     watched.page.add_script_tag(path=str(AXE))
     rules = watched.page.evaluate("axe.run().then(result => result.violations)")
     wide = watched.page.evaluate("document.documentElement.scrollWidth > innerWidth")
-    found = [(rule["id"], rule["nodes"][0]["html"]) for rule in rules]
-    return found, errors, watched.left_the_machine, wide
+    faults = [(rule["id"], rule["nodes"][0]["html"]) for rule in rules]
+    return faults, errors, watched.left_the_machine, wide
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -60,9 +60,9 @@ def test_a_tile_sounds_and_a_finger_feels(gallery, open_page, monkeypatch, schem
         " return [...it.getContext('2d').getImageData(0, 0, it.width, it.height).data] }"
     )).reshape(160, 120, 4)[..., :3]  # fmt: skip
     monkeypatch.chdir(gallery)
-    asked = python_answers(page, image=False)["tactile"]
-    assert np.abs(shown - asked.astype(int)).mean() < 3, "but for the loss of its compression"
-    assert np.abs(asked.astype(int) - asked[0, 0]).mean() > 6, "something is pressed"
+    answer = python_answers(page, image=False)["tactile"]
+    assert np.abs(shown - answer.astype(int)).mean() < 3, "but for the loss of its compression"
+    assert np.abs(answer.astype(int) - answer[0, 0]).mean() > 6, "something is pressed"
     assert faults(opened) == ([], [], [], False)
 
 

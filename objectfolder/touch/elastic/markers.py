@@ -52,8 +52,8 @@ class Markers:
         QueryError
             A radius that is not from 0 to 100 pixels.
         """
-        given = self.radius_pixels if radius_pixels is None else radius_pixels
-        radius = real("radius_pixels", given, 0.0, 100.0)
+        radius = self.radius_pixels if radius_pixels is None else radius_pixels
+        radius = real("radius_pixels", radius, 0.0, 100.0)
         light, reach = np.ones(rgb.shape[:2]), int(np.ceil(radius + 0.5))
         for row, column in self.pixels:
             top, left = max(0, round(row) - reach), max(0, round(column) - reach)
@@ -124,7 +124,7 @@ def moved_markers(
 
 
 def _spread(sensor: Sensor, grid: tuple[int, int]) -> np.ndarray:
-    """Pixels (n, 2) of so many rows and columns evenly apart in a sensor's image."""
+    """Pixels (n, 2) of `rows` by `columns` points evenly apart in a sensor's image."""
     rows, columns = (whole("grid", count, 1, MOST_MARKERS) for count in grid)
     down = (np.arange(rows) + 0.5) / rows * sensor.image_height - 0.5
     right = (np.arange(columns) + 0.5) / columns * sensor.image_width - 0.5

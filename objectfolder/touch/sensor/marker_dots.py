@@ -67,8 +67,8 @@ def find_dots(picture: np.ndarray, radius: float) -> np.ndarray:
     pixels = np.argwhere(peaks)
     strength = response[peaks]
     centres = np.array([_vertex(response, *pixel) for pixel in pixels]).reshape(-1, 2)
-    kept = strength > LEAST_DOT_SHARE * np.median(strength) if len(strength) else np.zeros(0, bool)
-    return np.asarray(centres[kept])
+    strong = strength > LEAST_DOT_SHARE * np.median(strength) if len(strength) else np.zeros(0, bool)
+    return np.asarray(centres[strong])
 
 
 def _darkness(picture: np.ndarray, reach: float) -> np.ndarray:

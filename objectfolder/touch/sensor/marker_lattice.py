@@ -11,7 +11,7 @@ import numpy as np
 LEAST_DOTS, LEAST_LINES, LEAST_OCCUPIED = 9, 3, 0.5
 # Shares of the pitch: how far from its place a dot may be, and all of them in rms.
 PLACE_REACH, LARGEST_RMS = 0.3, 0.1
-# A dot's neighbours in the grid lie so many times as far off as the nearest dot of most dots.
+# Distance of a dot's neighbours in the grid, over the median distance of a dot to its nearest one.
 NEIGHBOUR_RANGE = (0.7, 1.6)
 # Share of the places of an outer row or column that have a dot, at least.
 LEAST_BORDER = 1 / 3
@@ -105,18 +105,18 @@ def _walked(pixels: np.ndarray, whole: np.ndarray, pitch: np.ndarray, turn: floa
     tree, step = cKDTree(pixels), pitch[:, None] * _axes(turn)
     moves = [(number, number @ step) for number in np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])]
     best: dict[int, np.ndarray] = {}
-    left = set(range(len(pixels)))
-    while left:
-        first = min(left)
+    unvisited = set(range(len(pixels)))
+    while unvisited:
+        first = min(unvisited)
         numbers, queue = {first: np.zeros(2, dtype=np.int64)}, [first]
         for dot in queue:
             for number, move in moves:
                 away, nearest = tree.query(pixels[dot] + move)
-                other = int(nearest)
-                if away < PLACE_REACH * pitch.min() and other not in numbers:
-                    numbers[other] = numbers[dot] + number
-                    queue.append(other)
-        left -= set(numbers)
+                neighbour = int(nearest)
+                if away < PLACE_REACH * pitch.min() and neighbour not in numbers:
+                    numbers[neighbour] = numbers[dot] + number
+                    queue.append(neighbour)
+        unvisited -= set(numbers)
         best = max(best, numbers, key=len)
     return _fitted(pixels, whole, np.array(list(best)), np.array(list(best.values())))
 
@@ -130,21 +130,21 @@ def _of_nearest(pixels: np.ndarray, whole: np.ndarray, lattice: Lattice, *, trim
     # Of the dots at a place the nearest.
     first = np.unique(numbers[order], axis=0, return_index=True)[1]
     dots = order[np.sort(first)]
-    while trim and len(dots) and (kept := _without_bare_border(numbers[dots])).sum() < len(dots):
-        dots = dots[kept]
+    while trim and len(dots) and (inner := _without_bare_border(numbers[dots])).sum() < len(dots):
+        dots = dots[inner]
     return _fitted(pixels, whole, dots, numbers[dots])
 
 
 def _without_bare_border(numbers: np.ndarray) -> np.ndarray:
     """Which dots (n,) are not in an outer row or column that is nearly empty."""
-    kept = np.ones(len(numbers), dtype=bool)
+    inner = np.ones(len(numbers), dtype=bool)
     counts = np.ptp(numbers, axis=0) + 1
     for axis in (0, 1):
         for border in (numbers[:, axis].min(), numbers[:, axis].max()):
             line = numbers[:, axis] == border
             if line.sum() < LEAST_BORDER * counts[1 - axis]:
-                kept &= ~line
-    return kept
+                inner &= ~line
+    return inner
 
 
 def _fitted(pixels: np.ndarray, whole: np.ndarray, dots: np.ndarray, numbers: np.ndarray) -> Lattice | None:

@@ -63,8 +63,8 @@ class Tracking:
 
     def fault(self, index: int) -> str:
         """Why a photograph cannot be used, or nothing."""
-        count, there = self.followed[index], len(self.rest_pixels)
-        return "" if count >= LEAST_FOLLOWED * there else f"{count} of {there} markers followed"
+        count, markers = self.followed[index], len(self.rest_pixels)
+        return "" if count >= LEAST_FOLLOWED * markers else f"{count} of {markers} markers followed"
 
 
 def track_markers(photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor) -> Tracking | None:
@@ -93,17 +93,18 @@ def track_markers(photographs: np.ndarray, untouched: np.ndarray, sensor: Sensor
         return None
     radius, dots, whole, lattice = regular
     shape, scale, rest = untouched.shape[:2], pixels_per_metre(sensor), dots[lattice.dots]
-    seen = [find_dots(photograph, radius) for photograph in photographs]
-    pixels = np.stack([_matched(rest, there, LARGEST_DOT_SHIFT * lattice.pitch.min()) for there in seen])
+    pressed = [find_dots(photograph, radius) for photograph in photographs]
+    reach = LARGEST_DOT_SHIFT * lattice.pitch.min()
+    pixels = np.stack([_matched(rest, candidates, reach) for candidates in pressed])
     cut = _beyond_border(lattice.places(_surroundings(lattice.counts)), shape)
-    unseen = [np.concatenate([rest[np.isnan(place[:, 0])], cut]) for place in pixels]
+    missing = [np.concatenate([rest[np.isnan(place[:, 0])], cut]) for place in pixels]
     return Tracking(
         _grid(lattice, radius, shape, scale),
         lattice_rms(lattice, dots, whole) / scale,
         rest,
         pixels,
         np.nan_to_num(np.hypot(*np.moveaxis(pixels - rest, 2, 0))).max(axis=1) / scale,
-        np.stack([_discs(shape, radius, *both) for both in zip(seen, unseen, strict=True)]),
+        np.stack([_discs(shape, radius, *both) for both in zip(pressed, missing, strict=True)]),
         _discs(shape, radius, dots, cut),
     )
 
@@ -120,11 +121,11 @@ def without_markers(picture: np.ndarray, sensor: Sensor) -> np.ndarray:
     scale = pixels_per_metre(sensor)
     places = (np.array(shape) - 1) / 2 + grid.places_m() * scale
     inside = places[((places > 0) & (places < np.array(shape) - 1)).all(axis=1)]
-    seen = find_dots(picture, grid.dot_radius_m * scale)
+    drawn = find_dots(picture, grid.dot_radius_m * scale)
     reach = LARGEST_DOT_SHIFT * scale * min(grid.row_pitch_m, grid.column_pitch_m)
-    if np.isfinite(_matched(inside, seen, reach)[:, 0]).mean() < LEAST_SHOWN:
+    if np.isfinite(_matched(inside, drawn, reach)[:, 0]).mean() < LEAST_SHOWN:
         return picture
-    return without_dots(picture, _discs(shape, grid.dot_radius_m * scale, seen))
+    return without_dots(picture, _discs(shape, grid.dot_radius_m * scale, drawn))
 
 
 def without_dots(picture: np.ndarray, hidden: np.ndarray) -> np.ndarray:
@@ -166,7 +167,7 @@ def _regular_dots(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, L
 
 
 def _grid(lattice: Lattice, radius: float, shape: tuple[int, ...], scale: float) -> MarkerGrid:
-    """The grid in metres of a lattice in a picture of a shape, at so many pixels a metre."""
+    """The grid in metres of a lattice in a picture of a shape; `scale` is in pixels a metre."""
     down, right = (lattice.places((lattice.counts - 1) / 2) - (np.array(shape) - 1) / 2) / scale
     return MarkerGrid(
         rows=int(lattice.counts[0]),
@@ -194,7 +195,7 @@ def _matched(rest: np.ndarray, seen: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _surroundings(counts: np.ndarray) -> np.ndarray:
-    """Numbers (m, 2) of the places next to a grid of so many rows and columns."""
+    """Numbers (m, 2) of the places next to a grid of `counts` rows and columns."""
     numbers = np.stack([part.ravel() for part in np.indices((counts + 2).tolist())], axis=1) - 1
     return np.asarray(numbers[((numbers < 0) | (numbers == counts)).any(axis=1)])
 

@@ -21,7 +21,7 @@ MOST_SHADED = 64
 TARGETS = np.zeros((MOST_SHADED, MOST_SHADED, 2), dtype=np.float32)
 for _count in range(1, MOST_SHADED + 1):
     TARGETS[_count - 1, :_count] = sub_ray_offsets(_count)
-# From so many lights on, each is asked at one point of a group only, the next light at another.
+# Number of lights from which each is asked at one point of a group only, the next light at another.
 LIGHTS_IN_TURN = 32
 
 

@@ -12,7 +12,7 @@ from objectfolder.jit import arrayless, kernel
 # Bits of a number three places apart: those of three of them make a Morton code.
 CELL_BITS = 11
 CELL_SPREAD = np.sum([(np.arange(1 << CELL_BITS) >> bit & 1) << 3 * bit for bit in range(CELL_BITS)], axis=0)
-# A key is the way that a face looks, above the Morton code of a cube; it is sorted by so many bits at a time.
+# A key is the way that a face looks, above the Morton code of a cube. A pass sorts by `DIGIT_BITS` of it.
 CODE_BITS, DIGIT_BITS, DIGITS = 3 * CELL_BITS, 12, 3
 
 Grids = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

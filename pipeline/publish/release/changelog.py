@@ -67,6 +67,6 @@ def object_versions(version: str, digests: Mapping[str, str], before: bytes | No
     writer.writeheader()
     for object_id, digest in sorted(digests.items()):
         row = {OBJECT: object_id, VERSION: version, DIGEST: digest}
-        known = rows.get(object_id, row)
-        writer.writerow(known if known[DIGEST] == digest else row)
+        earlier = rows.get(object_id, row)
+        writer.writerow(earlier if earlier[DIGEST] == digest else row)
     return text.getvalue()

@@ -169,8 +169,8 @@ def _state_publication(root: Path, number: str, day: datetime.date) -> None:
     """Write version and date to ``data/card.yaml``, whose other lines stay."""
     path = root / PUBLICATION
     lines = path.read_text("utf-8").splitlines() if path.is_file() else []
-    kept = [line for line in lines if not re.match(r"(version|date):", line)]
-    write_whole(path, "\n".join([*kept, f"version: {number}", f"date: {day.isoformat()}"]) + "\n")
+    rest = [line for line in lines if not re.match(r"(version|date):", line)]
+    write_whole(path, "\n".join([*rest, f"version: {number}", f"date: {day.isoformat()}"]) + "\n")
 
 
 def _record_cards(root: Path) -> None:

@@ -29,5 +29,5 @@ def zenodo_text(data_set: DataSet) -> str:
         if publication.url
         else "",
     }
-    kept = {key: value for key, value in content.items() if value}
-    return json.dumps({**kept, "doi": publication.doi}, indent=1, ensure_ascii=False) + "\n"
+    stated = {key: value for key, value in content.items() if value}
+    return json.dumps({**stated, "doi": publication.doi}, indent=1, ensure_ascii=False) + "\n"

@@ -28,7 +28,7 @@ from pipeline.publish.viewer import FORMAT
 MOST_GAINS = 190_000
 LEAST_PLACES, MOST_PLACES = 200, 500
 GAIN_STEPS = 127
-PRESSED_PLACES = 128  # of them those that the sensor reaches have pictures, so many a row
+PRESSED_PLACES = 128  # of them those that the sensor reaches have pictures; SHEET_COLUMNS a row
 SHEET_COLUMNS = 16
 PRESS_DEPTH_M = 0.001
 # An export has 24, for it is lit anew elsewhere. With these, colours differ by less than shadows do.
