@@ -28,7 +28,7 @@ def declared() -> dict[str, dict[str, Any]]:
     stages = STAGES.values()
     sections = {f"sizes.${{size}}.{name.partition('.')[0]}" for stage in stages for name in stage.parameters}
     products = {
-        "cmd": f"python -m pipeline.cli {MADE_BY_ALL}",
+        "cmd": f"exec python -m pipeline.cli {MADE_BY_ALL}",
         "deps": [str(path) for path in (INPUTS, RECORDS, RETRY)],
         "params": [
             *("allow_failures", "objects.only", "seed"),
@@ -43,14 +43,14 @@ def declared() -> dict[str, dict[str, Any]]:
     recorded = {stage.name: _recorded(stage) for stage in stages}
     # After all stages, so that what is finished is recorded before the run ends with an error.
     last = [str(FAILURES), *sorted(stage.products[0].folder for stage in stages), "reports/index.html"]
-    failures = {"cmd": "python -m pipeline.cli failures --retry", "deps": last}
+    failures = {"cmd": "exec python -m pipeline.cli failures --retry", "deps": last}
     return {MADE_BY_ALL: products, **recorded, "failures": failures}
 
 
 def _recorded(stage: Stage) -> dict[str, Any]:
     """Return a stage that owns the folders of products, and hangs on its key of the manifest."""
     return {
-        "cmd": f"python -m pipeline.run.record {stage.name}",
+        "cmd": f"exec python -m pipeline.run.record {stage.name}",
         "params": [{str(MANIFEST): [f"stages.{stage.name}"]}],
         "outs": [{kind.folder: {"persist": True}} for kind in stage.products],
     }

@@ -25,7 +25,7 @@ DVC = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
 def test_stages_are_those_of_the_pipeline_in_order():
     assert list(DVC) == ["code", "starter", "inputs", "products", *STAGES, "report", "failures"]
     for name in DVC.keys() - STAGES.keys() - {"failures"}:
-        assert DVC[name]["cmd"] == f"python -m pipeline.cli {name}"
+        assert DVC[name]["cmd"] == f"exec python -m pipeline.cli {name}"
 
 
 def test_dvc_yaml_has_what_the_stages_declare():
