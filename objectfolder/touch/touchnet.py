@@ -69,7 +69,7 @@ class TouchNet:
     def press(
         self,
         points: ArrayLike,
-        asked: Press | None = None,
+        query: Press | None = None,
         *,
         resolution: int | tuple[int, int] | None = None,
         background: NDArray[np.uint8] | None = None,
@@ -99,22 +99,22 @@ class TouchNet:
         """
         from objectfolder.touch.truth.press import press
 
-        asked = Press(samples=self.samples) if asked is None else asked
+        query = Press(samples=self.samples) if query is None else query
         points, sensor = point_rows(points, "points"), self.sensor
         if resolution is not None:
             sensor = sensor.at_resolution(*image_sides(resolution, 2))
         pixels = sensor.image_height * sensor.image_width
-        if pixels * asked.samples**2 > MOST_RAYS_ASKED:
-            finding = f"{pixels} pixels of {asked.samples**2} rays"
+        if pixels * query.samples**2 > MOST_RAYS_ASKED:
+            finding = f"{pixels} pixels of {query.samples**2} rays"
             raise QueryError("resolution", finding, f"Ask for at most {MOST_RAYS_ASKED} rays.")
         require_room("points, resolution", 8 * pixels * len(points), "Press at fewer points at a time.")
         seeds = None if noise_seed is None else _noise_seeds(noise_seed, len(points))
         if background is not None:
             background = checked_background(background, sensor)
-        if asked.contact is None and asked.force_n is None:
-            asked = replace(asked, contact=self.contact)
+        if query.contact is None and query.force_n is None:
+            query = replace(query, contact=self.contact)
         try:
-            touches = press(self._patches, sensor, points, asked)
+            touches = press(self._patches, sensor, points, query)
         except QueryError:
             raise
         except (ArithmeticError, TypeError, ValueError) as error:
@@ -122,16 +122,16 @@ class TouchNet:
             raise QueryError(where, str(error), "Ask for numbers that this sensor can answer.") from error
         rgb = touches.rgb
         if background is not None:
-            rgb = calibrated(rgb, no_contact_image(sensor, asked.samples), background, sensor)
+            rgb = calibrated(rgb, no_contact_image(sensor, query.samples), background, sensor)
         if seeds is not None:
             rgb = with_noise(rgb, sensor, seeds)
         return replace(touches, rgb=rgb)
 
-    def reach(self, points: NDArray[np.float64], asked: Press, rolls: int = 24) -> Reach:
+    def reach(self, points: NDArray[np.float64], query: Press, rolls: int = 24) -> Reach:
         """Try presses at several rolls; see `ObjectFile.reach`."""
         from objectfolder.touch.truth.press import reach
 
-        return reach(self._patches, self.sensor, points, asked, whole("rolls", rolls, 1, 360))
+        return reach(self._patches, self.sensor, points, query, whole("rolls", rolls, 1, 360))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays to store: none but the shared surface's."""

@@ -67,11 +67,14 @@ class BoundingVolumes:
         )  # fmt: skip
         return face, barycentric
 
-    def occluded(self, origins: np.ndarray, target: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Whether (n,) a face lies strictly between origins (n, 3) and target (3,) or (n, 3), if wanted."""
+    def occluded(self, origins: np.ndarray, target: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """Whether (n,) a face lies strictly between origins (n, 3) and target (3,) or (n, 3).
+
+        Of those alone where `mask` (n,) is true.
+        """
         targets, blocked = target.reshape(-1, 3), np.zeros(len(origins), dtype=bool)
         _occluded(
-            self.boxes, self.children, self.counts, self.triangles, origins, targets, wanted,
+            self.boxes, self.children, self.counts, self.triangles, origins, targets, mask,
             np.empty(STACK, dtype=np.int32), blocked,
         )  # fmt: skip
         return blocked
@@ -98,9 +101,11 @@ def _build(low: np.ndarray, high: np.ndarray) -> Tree:
         order[place] = order[place[np.argsort(side, kind="stable")]]
         counts = np.bincount(side, minlength=2 * len(first))
         start = np.stack([first, first + counts[::2]], axis=1).ravel()
-        held = np.full((len(counts), 6), np.inf)
-        held[counts > 0] = _joined(bounds[order[place]], counts[counts > 0])
-        boxes = np.concatenate([held[:, :3] - PADDING, PADDING - held[:, 3:]], axis=1).astype(np.float32)
+        extents = np.full((len(counts), 6), np.inf)
+        extents[counts > 0] = _joined(bounds[order[place]], counts[counts > 0])
+        boxes = np.concatenate([extents[:, :3] - PADDING, PADDING - extents[:, 3:]], axis=1).astype(
+            np.float32
+        )
         inner = counts > LEAF_TRIANGLES
         base += len(first)
         children = np.where(inner, base + np.cumsum(inner) - 1, ~start)
@@ -255,10 +260,10 @@ def _first_hits(
 
 
 @arrayless(kernel)
-def _occluded(boxes, children, counts, triangles, origins, targets, wanted, stack, blocked):
+def _occluded(boxes, children, counts, triangles, origins, targets, mask, stack, blocked):
     one = np.float32(1.0)
     for ray in range(len(origins)):
-        if not wanted[ray]:
+        if not mask[ray]:
             continue
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
         target = targets[ray % len(targets)]

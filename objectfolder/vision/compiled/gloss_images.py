@@ -4,7 +4,7 @@ import numpy as np
 
 from objectfolder.vision.compiled.borders import beside, sum_by_pixel
 from objectfolder.vision.compiled.known_light import Gloss, KnownLight
-from objectfolder.vision.compiled.network import Known
+from objectfolder.vision.compiled.network import Appearance
 from objectfolder.vision.compiled.radiosity import Lights
 from objectfolder.vision.compiled.shading import LIGHTS_IN_TURN, Chosen, Shading, cast_of
 from objectfolder.vision.compiled.smoothing import SMOOTH_LOBE, make_smoother
@@ -16,7 +16,7 @@ GLOSS_PROBES, GLOSS_POINTS = 2, 4
 
 
 def shade_gloss(
-    shading: Shading, view: View, probes: Chosen, chosen: Chosen, known: Known, lights: Lights
+    shading: Shading, view: View, probes: Chosen, chosen: Chosen, appearance: Appearance, lights: Lights
 ) -> np.ndarray:
     """Return the colour (p, 3) of the surface that pixels show in their gloss, as `chosen`.
 
@@ -25,23 +25,23 @@ def shade_gloss(
     network, count = shading.network, len(view.rows)
     assert isinstance(network, KnownLight)
 
-    def asked(pixels: np.ndarray, points: int, samples: tuple[int, int]) -> tuple[Chosen, Gloss]:
-        row, some = chosen.thinned(points, pixels)
-        of_row = known[0][row], known[1][row]
-        directions = np.where(some.pixel < view.samples[1].start, *samples)
-        return some, (some.points, of_row, cast_of(view, some), directions)
+    def gloss_of(pixels: np.ndarray, points: int, samples: tuple[int, int]) -> tuple[Chosen, Gloss]:
+        row, part_of = chosen.thinned(points, pixels)
+        of_row = appearance[0][row], appearance[1][row]
+        directions = np.where(part_of.pixel < view.samples[1].start, *samples)
+        return part_of, (part_of.points, of_row, cast_of(view, part_of), directions)
 
-    def summed(some: Chosen, part: np.ndarray) -> np.ndarray:
-        total: np.ndarray = sum_by_pixel(some.pixel, some.weight, part, count)
+    def summed(part_of: Chosen, part: np.ndarray) -> np.ndarray:
+        total: np.ndarray = sum_by_pixel(part_of.pixel, part_of.weight, part, count)
         return total
 
-    few, gloss = asked(np.ones(count, dtype=bool), GLOSS_PROBES, (1, 1))
+    few, gloss = gloss_of(np.ones(count, dtype=bool), GLOSS_PROBES, (1, 1))
     shown = network.shown(*gloss, 1)
     shows = np.zeros(count, dtype=bool)
     shows[few.pixel[shown.row]] = True
     shows = beside(view.edges, beside(view.edges, shows))
-    some, gloss = asked(shows, GLOSS_POINTS, network.samples)
+    many, gloss = gloss_of(shows, GLOSS_POINTS, network.samples)
     turns = network.samples[0] if len(lights[0]) >= LIGHTS_IN_TURN else 1
-    above, below = (summed(some, part) for part in network.in_gloss(*gloss, lights, turns))
+    above, below = (summed(many, part) for part in network.in_gloss(*gloss, lights, turns))
     below[~shows] = summed(few, shown.everything)[~shows]
     return make_smoother(view, probes)(SMOOTH_LOBE * float(network.alpha2), above, below)

@@ -8,7 +8,7 @@ from objectfolder.errors import FormatError
 from objectfolder.vision.compiled.lattice_values import LatticeMaterial
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.lobes import Cast, lobe_directions, scattered, stepped
-from objectfolder.vision.compiled.network import Known, reflected_once
+from objectfolder.vision.compiled.network import Appearance, reflected_once
 from objectfolder.vision.compiled.principled import LEAST_ROUGHNESS, Principled
 from objectfolder.vision.compiled.radiosity import Lights, Radiosity
 from objectfolder.vision.environment import Environment
@@ -23,8 +23,8 @@ INFINITE_DISTANCE = 1e4
 GLOSS_SAMPLES, METAL_SAMPLES = (2, 4), (4, 16)
 # Times that gloss shows gloss, and what parts the directions of these.
 GLOSS_BOUNCES, OFFSET = 2, 977
-# Points, what is known of them, where they are in an image, and directions (n,) of each.
-Gloss = tuple[Points, Known, Cast, np.ndarray]
+# Points, their appearance, where they are in an image, and directions (n,) of each.
+Gloss = tuple[Points, Appearance, Cast, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class Shown:
         (m,) point that shows it, and number of its direction.
     share
         (m, 3) how much of its radiance the point sends on.
-    points, known
-        The (m,) points shown, and what is known of them.
+    points, appearance
+        The (m,) points shown, and their appearance.
     everything
         (n, 3) sum of the shares along all directions, those that meet nothing with them.
     deeper
@@ -49,7 +49,7 @@ class Shown:
     turn: np.ndarray
     share: np.ndarray
     points: Points
-    known: Known
+    appearance: Appearance
     everything: np.ndarray
     deeper: "Shown | None"
 
@@ -97,7 +97,7 @@ class KnownLight:
         matt = material.mapped("metallic") or appearance.metallic < 1
         self._radiosity = Radiosity(lit, surface, material) if matt else None
 
-    def features(self, points: Points) -> Known:
+    def features(self, points: Points) -> Appearance:
         """Return the terms (n, `TERMS`) of points that no light changes, and albedo (n, 3), float32."""
         places = self._surface.in_stored(points.face, points.barycentric)
         base, roughness, metallic = (
@@ -106,14 +106,14 @@ class KnownLight:
         return self._principled.terms(points, base, roughness, metallic), base.astype(np.float32)
 
     def bounced_by(
-        self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray
+        self, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray
     ) -> np.ndarray:
         """Return what `CompiledNetwork.bounced_by` does."""
-        return self.bounced(points, known, (light[None], np.ones((1, 3))))
+        return self.bounced(points, appearance, (light[None], np.ones((1, 3))))
 
-    def bounced(self, points: Points, known: Known, lights: Lights) -> np.ndarray:
+    def bounced(self, points: Points, appearance: Appearance, lights: Lights) -> np.ndarray:
         """Return what `bounced_by` does of several lights."""
-        terms, albedo = known
+        terms, albedo = appearance
         if self._radiosity is None:
             return np.zeros_like(albedo)
         arriving = self._radiosity.irradiance(lights, points.face, points.barycentric)
@@ -134,13 +134,18 @@ class KnownLight:
         return np.asarray(albedo * terms[:, 2:3] * arriving)
 
     def shown(
-        self, points: Points, known: Known, cast: Cast, samples: np.ndarray, times: int = GLOSS_BOUNCES
+        self,
+        points: Points,
+        appearance: Appearance,
+        cast: Cast,
+        samples: np.ndarray,
+        times: int = GLOSS_BOUNCES,
     ) -> Shown:
         """Return what points show of the surface in their gloss, by `samples` (n,) directions each.
 
-        `known` is what `features` returned for them; what is shown shows others in turn, all in all `times`.
+        `appearance` is what `features` returned for them. What is shown shows others in turn, `times` in all.
         """
-        terms, _ = known
+        terms, _ = appearance
         facet = self._lit.facets[points.face] * points.side[:, None]
         start, starts = points.position + SELF_OFFSET * facet, scattered(cast)
         widths, everything = terms[:, 0].astype(np.float64), np.zeros((len(terms), 3))
@@ -164,38 +169,44 @@ class KnownLight:
             parts.append((sent[met], turn, share[met], face[met], barycentric[met], direction[met]))
         row, turn, share, *place = (np.concatenate(column) for column in zip(*parts, strict=True))
         met_points = self._lit.points(*place)
-        known_there = self.features(met_points)
+        met_appearance = self.features(met_points)
         deeper = None
         if times > 1 and len(row):
             order = (1 + cast.order[row]) * OFFSET + turn
             once = np.ones(len(row), dtype=np.int64)
             again = Cast(cast.columns[row], cast.rows[row], order, once)
-            deeper = self.shown(met_points, known_there, again, once, times - 1)
+            deeper = self.shown(met_points, met_appearance, again, once, times - 1)
             deeper = replace(deeper, turn=turn[deeper.row])
-        return Shown(row, turn, share, met_points, known_there, everything, deeper)
+        return Shown(row, turn, share, met_points, met_appearance, everything, deeper)
 
     def in_gloss(
-        self, points: Points, known: Known, cast: Cast, samples: np.ndarray, lights: Lights, turns: int = 1
+        self,
+        points: Points,
+        appearance: Appearance,
+        cast: Cast,
+        samples: np.ndarray,
+        lights: Lights,
+        turns: int = 1,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return what (n, 3) points show of the lit surface in their gloss, and the share it would all be.
 
         The share (n, 3) is that of radiance 1 all round. Arguments are as of `shown`, and `turns`: each of
         so many directions asks its own lights.
         """
-        shown = self.shown(points, known, cast, samples)
+        shown = self.shown(points, appearance, cast, samples)
         return shown.sent(self._radiance(shown, lights, turns)), shown.everything
 
     def _radiance(self, shown: Shown, lights: Lights, turns: int) -> np.ndarray:
         """Return the radiance (m, 3) of what is shown."""
-        radiance = self.bounced(shown.points, shown.known, lights).astype(np.float64)
-        terms, albedo = shown.known
+        radiance = self.bounced(shown.points, shown.appearance, lights).astype(np.float64)
+        terms, albedo = shown.appearance
         for turn in range(turns):
             row = np.flatnonzero(shown.turn % turns == turn)
-            points, known = shown.points.of(row), (terms[row], albedo[row])
+            points, appearance = shown.points.of(row), (terms[row], albedo[row])
             for light, colour in zip(lights[0][turn::turns], lights[1][turn::turns], strict=True):
                 irradiance, hidden = self._lit.light_from(points, light)
                 irradiance[hidden] = 0.0
-                radiance[row] += turns * colour * self.directly(points, known, irradiance, light)
+                radiance[row] += turns * colour * self.directly(points, appearance, irradiance, light)
         if shown.deeper is not None:
             radiance += shown.deeper.sent(self._radiance(shown.deeper, lights, turns))
         return radiance
@@ -206,9 +217,11 @@ class KnownLight:
         """Return what `CompiledNetwork.reflected` does; the terms say how wide the highlight is."""
         return self._principled.reflected(points, features, row, to_light)
 
-    def directly(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+    def directly(
+        self, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray
+    ) -> np.ndarray:
         """Return what `CompiledNetwork.directly` does."""
-        return reflected_once(self, points, known, irradiance, light, self.alpha2)
+        return reflected_once(self, points, appearance, irradiance, light, self.alpha2)
 
 
 def _far(around: Environment) -> Lights:

@@ -8,7 +8,7 @@ from objectfolder.vision.compiled.borders import contrasting, mixed, sum_by_pixe
 from objectfolder.vision.compiled.effort import Effort
 from objectfolder.vision.compiled.grouping import GROUPS
 from objectfolder.vision.compiled.known_light import KnownLight
-from objectfolder.vision.compiled.shading import SHOWN, Chosen, Seen, Shading, join_lights, labels_of
+from objectfolder.vision.compiled.shading import SHOWN, Chosen, Shading, VisiblePoints, join_lights, labels_of
 from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.visibility import View
 from objectfolder.vision.compositing import srgb_encode
@@ -24,12 +24,12 @@ UNEVEN, UNEVEN_AGAIN = 3, 6
 
 
 def shade_lit(
-    shading: Shading, view: View, probes: Chosen, chosen: Chosen, seen: Seen, light: np.ndarray,
+    shading: Shading, view: View, probes: Chosen, chosen: Chosen, visible: VisiblePoints, light: np.ndarray,
     effort: Effort, curved: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
     """Return the colour (p, 3) of the pixels under one light of colour 1.
 
-    `chosen` and what is `seen` there serve each light, but for pixels in which its shadow ends, and
+    `chosen` and what is `visible` there serve each light, but for pixels in which its shadow ends, and
     in which colour changes fast: the more so in those that are `curved` (p,).
     """
     labels, state, split = _find_shadows(shading, view, probes, light, effort.shadow_rays)
@@ -42,10 +42,10 @@ def shade_lit(
         finest = np.maximum(finest, coarse)
 
     def again(pixels: np.ndarray, most: np.ndarray) -> None:
-        some = shading.chosen(view, labels, np.where(pixels, most, 0))
-        colour[pixels] = _shade(shading, some, shading.seen(some.points), state, light)[0][pixels]
+        more = shading.chosen(view, labels, np.where(pixels, most, 0))
+        colour[pixels] = _shade(shading, more, shading.visible(more.points), state, light)[0][pixels]
 
-    colour, answer = _shade(shading, chosen, seen, state, light)
+    colour, answer = _shade(shading, chosen, visible, state, light)
     if several:
         ends = mixed(view.edges, len(split), chosen.pixel, answer)
         split[uneven.pixels] = ends[uneven.pixels]
@@ -102,14 +102,14 @@ def _find_shadows(
 
 
 def _shade(
-    shading: Shading, chosen: Chosen, seen: Seen, state: np.ndarray, light: np.ndarray
+    shading: Shading, chosen: Chosen, visible: VisiblePoints, state: np.ndarray, light: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the colour (p, 3) of the pixels from points that were chosen, and these points' states."""
-    known = state[chosen.pixel, chosen.group]
-    irradiance, hidden = shading.surface.light_from(chosen.points, light, known == 0)
-    answer = np.where(irradiance > 0, np.where(hidden | (known == 2), 2, 1), 0)
+    state_of = state[chosen.pixel, chosen.group]
+    irradiance, hidden = shading.surface.light_from(chosen.points, light, state_of == 0)
+    answer = np.where(irradiance > 0, np.where(hidden | (state_of == 2), 2, 1), 0)
     irradiance[answer == 2] = 0.0
-    colour = shading.colour(seen, irradiance, light)
+    colour = shading.colour(visible, irradiance, light)
     return sum_by_pixel(chosen.pixel, chosen.weight, colour, len(state)), answer
 
 
@@ -123,7 +123,7 @@ def shade_in_turn(
     """
     count, turns = len(view.rows), effort.shaded_uneven
     chosen = shading.chosen(view, labels_of(view), np.full(count, turns))
-    seen = shading.seen(chosen.points)
+    visible = shading.visible(chosen.points)
     first = np.flatnonzero(np.diff(chosen.pixel * GROUPS + chosen.group, prepend=-1))
     several = np.diff(first, append=len(chosen.pixel))
     share = np.add.reduceat(chosen.weight, first)
@@ -133,8 +133,8 @@ def shade_in_turn(
         return total / share[:, None]
 
     # What varies most inside a pixel is its texture, and no light changes that.
-    albedo = mean(seen.known[1]).astype(np.float32)
-    seen = replace(seen, known=(seen.known[0], np.repeat(albedo, several, axis=0)))
+    albedo = mean(visible.appearance[1]).astype(np.float32)
+    visible = replace(visible, appearance=(visible.appearance[0], np.repeat(albedo, several, axis=0)))
     turned = 1 - np.linalg.norm(mean(chosen.points.normal), axis=1)
     asks = np.where(turned > CURVED * shading.network.alpha2, np.minimum(MORE, several), 1)
     group = np.repeat(np.arange(len(first)), asks)
@@ -146,17 +146,17 @@ def shade_in_turn(
     start += order * several[group] // asks[group]
     colour = np.zeros((count, 3))
     for turn in range(turns):
-        asked = seen.of(first[group] + (start + turn) % several[group])
-        once = asked.of(lead)
+        queried = visible.of(first[group] + (start + turn) % several[group])
+        once = queried.of(lead)
         for light, factor in lights[turn::turns]:
-            irradiance = shading.arriving(asked.points, light)
-            direct = shading.directly(asked, irradiance, light)
+            irradiance = shading.arriving(queried.points, light)
+            direct = shading.directly(queried, irradiance, light)
             colour += factor * sum_by_pixel(pixel, weight, direct, count)
             if not isinstance(shading.network, KnownLight):
-                bounced = shading.network.bounced_by(once.points, once.known, irradiance[lead], light)
+                bounced = shading.network.bounced_by(once.points, once.appearance, irradiance[lead], light)
                 colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
     if isinstance(shading.network, KnownLight):
-        alone = seen.of(first)
-        bounced = shading.network.bounced(alone.points, alone.known, join_lights(lights))
+        alone = visible.of(first)
+        bounced = shading.network.bounced(alone.points, alone.appearance, join_lights(lights))
         colour += sum_by_pixel(chosen.pixel[first], share, bounced, count)
     return colour

@@ -83,7 +83,7 @@ class LitSurface:
         return irradiance, start
 
     def light_from(
-        self, points: Points, light: np.ndarray, asked: np.ndarray | None = None
+        self, points: Points, light: np.ndarray, mask: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return irradiance (n,) but for shadow, and which (n,) of the lit points asked are in shadow.
 
@@ -94,8 +94,8 @@ class LitSurface:
             to_light = light - points.position
             to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
             irradiance *= bent_share(points.upright, points.normal, to_light)
-        wanted = irradiance > 0 if asked is None else asked & (irradiance > 0)
-        return irradiance, self.volumes.occluded(start, light, wanted)
+        lit = irradiance > 0 if mask is None else mask & (irradiance > 0)
+        return irradiance, self.volumes.occluded(start, light, lit)
 
     def mirrored(self, points: Points) -> tuple[np.ndarray, Points]:
         """Return which of the points (m,) see the surface in their mirror rays, and what they see there."""

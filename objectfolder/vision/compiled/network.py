@@ -26,7 +26,7 @@ NEAREST = 1e-3
 # Of the surroundings, those that depend on the light alone.
 LIGHT_INPUTS = slice(12, 24)
 # Features (n, f) and albedo (n, 3) of points, float32: what no light changes.
-Known = tuple[np.ndarray, np.ndarray]
+Appearance = tuple[np.ndarray, np.ndarray]
 
 
 class Reflecting(Protocol):
@@ -39,19 +39,19 @@ class Reflecting(Protocol):
 
 
 def reflected_once(
-    surface: Reflecting, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray,
+    surface: Reflecting, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray,
     alpha2: np.float32,
 ) -> np.ndarray:  # fmt: skip
     """Return (n, 3) float32 radiance over P / (4 pi^2) that a lamp at (3,) causes but for bounced light.
 
     Parameters
     ----------
-    points, known, irradiance
+    points, appearance, irradiance
         The points, their features and albedo, and what (n,) of the lamp reaches them.
     alpha2
         Squared GGX width of the highlight.
     """
-    features, albedo = known
+    features, albedo = appearance
     lit = np.flatnonzero(irradiance)
     to_light = light - points.position[lit]
     to_light /= np.maximum(np.linalg.norm(to_light, axis=1, keepdims=True), 1e-9)
@@ -85,15 +85,15 @@ class CompiledNetwork:
     """
 
     def __init__(self, grid: SparseGrid, weights: Mapping[str, np.ndarray]) -> None:
-        known = (ANGLES, SURROUNDINGS, 4)
-        if known != (network_layout.ANGLES, network_layout.SURROUNDINGS, GRID_LEVELS):
+        supported = (ANGLES, SURROUNDINGS, 4)
+        if supported != (network_layout.ANGLES, network_layout.SURROUNDINGS, GRID_LEVELS):
             raise FormatError("vision", "inputs that the compiled renderer does not know", "Use torch.")
         self.mirrors = has_mirrors(weights.keys())
         expected = weight_shapes(grid.sizes, mirrors=self.mirrors)
         for name in sorted(expected.keys() | weights.keys()):
-            found = weights[name].shape if name in weights else None
-            if found != expected.get(name):
-                raise FormatError(f"vision.{name}", f"shape {found}, expected {expected.get(name)}")
+            shape = weights[name].shape if name in weights else None
+            if shape != expected.get(name):
+                raise FormatError(f"vision.{name}", f"shape {shape}, expected {expected.get(name)}")
 
         def single(name: str) -> np.ndarray:
             return np.ascontiguousarray(weights[name], dtype=np.float32)
@@ -124,26 +124,30 @@ class CompiledNetwork:
         self._facing = (facing, bias)
 
     def bounced_by(
-        self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray
+        self, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray
     ) -> np.ndarray:
         """Return (n, 3) float32 bounced radiance over P / (4 pi^2) of points, of a lamp at (3,).
 
-        `known` is what `features` returns for them, `irradiance` (n,) what of the lamp reaches them.
+        `appearance` is what `features` returns for them, `irradiance` (n,) what of the lamp reaches them.
         """
-        features, albedo = known
+        features, albedo = appearance
         which = np.zeros(len(albedo), dtype=np.int64)
         answer: np.ndarray = albedo * self.bounced(
             points, features, which, self.lamps(light[None]), irradiance
         )
         return answer
 
-    def directly(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+    def directly(
+        self, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray
+    ) -> np.ndarray:
         """Return what `bounced_by` does of the light that is reflected once."""
-        return reflected_once(self, points, known, irradiance, light, self.alpha2)
+        return reflected_once(self, points, appearance, irradiance, light, self.alpha2)
 
-    def mirrored(self, points: Points, known: Known, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+    def mirrored(
+        self, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray
+    ) -> np.ndarray:
         """Return what `directly` does for points as mirrors show them, before these take their share."""
-        return reflected_once(self, points, known, irradiance, light, self.mirror_alpha2)
+        return reflected_once(self, points, appearance, irradiance, light, self.mirror_alpha2)
 
     def fresnel(self, points: Points) -> np.ndarray:
         """Return the share (n, 3) float32 that mirrors at points reflect of what the camera's rays meet."""
@@ -153,7 +157,7 @@ class CompiledNetwork:
         _fresnel(self.features(points)[0], rim, *self._facing, share)
         return share
 
-    def features(self, points: Points) -> Known:
+    def features(self, points: Points) -> Appearance:
         """Return features (n, f) and albedo (n, 3) of points, float32."""
         count, terms = len(points.face), self._albedo[0].shape[1]
         features, albedo = _rows(count, terms - 3), _rows(count, 3)

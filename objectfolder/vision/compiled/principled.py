@@ -41,12 +41,12 @@ class Principled:
     def __init__(self, specular: float, roughnesses: tuple[float, ...] = ()) -> None:
         upright = min(0.08 * specular, 0.999)
         self._index = max((1 + math.sqrt(upright)) / (1 - math.sqrt(upright)), 1 + 1e-6)
-        known = roughnesses or tuple(np.linspace(0, 1, 32))
-        self._white, self._mean = reflected_by_white(known)
+        grid = roughnesses or tuple(np.linspace(0, 1, 32))
+        self._white, self._mean = reflected_by_white(grid)
         self._rise = np.zeros((16, 16))
         upright_mean = 0.0
         if upright > 0:
-            self._rise = reflected_by_dielectric(self._index, known)
+            self._rise = reflected_by_dielectric(self._index, grid)
             # Mean of the Fresnel factor over cosines (Kulla and Conty 2017).
             upright_mean = (self._index - 1) / (4.08567 + 1.00071 * self._index)
         self._upright, self._upright_mean = upright, upright_mean
@@ -106,15 +106,15 @@ def _terms(normal, direction, base, roughness, metallic, white, mean, rise, upri
         cosine, rough = 0.0, min(max(roughness[i], 0.0), 1.0)
         for axis in range(3):
             cosine -= normal[i, axis] * direction[i, axis]
-        seen = min(max(cosine, 0.0), 1.0)
-        share = _between(white, cells * rough, cells * seen)
+        facing = min(max(cosine, 0.0), 1.0)
+        share = _between(white, cells * rough, cells * facing)
         low = min(int(cells * rough), cells - 1)
         over = cells * rough - low
         all_round = (1.0 - over) * mean[low] + over * mean[low + 1]
         lost = (1.0 - share) / share
         again = upright_mean * all_round / (1.0 - upright_mean * (1.0 - all_round))
         coat = 1.0 + again * lost if upright > 0 else 0.0
-        albedo = upright + (1.0 - upright) * _between(rise, coat_cells * rough, coat_cells * seen)
+        albedo = upright + (1.0 - upright) * _between(rise, coat_cells * rough, coat_cells * facing)
         under = min(max(1.0 - coat * share * albedo, 0.0), 1.0) if upright > 0 else 1.0
         metal = metallic[i]
         terms[i, 0] = max(rough, least_roughness) ** 4

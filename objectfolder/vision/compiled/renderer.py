@@ -115,31 +115,33 @@ class CompiledRenderer:
             Fewer than one sub-ray, a field of view outside (0, 180) degrees.
         """
         effort = Effort.of(sub_rays)
-        known = isinstance(self._network, KnownLight)
-        reach = SMOOTH_PX + 1 if known else 0
+        is_known = isinstance(self._network, KnownLight)
+        reach = SMOOTH_PX + 1 if is_known else 0
         view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, reach)
         colour = np.zeros((len(view.rows), 3))
         lights = list(_lights(light_position, light_colour))
         if len(colour) and lights:
             many = len(lights) >= LIGHTS_IN_TURN
             labels = labels_of(view)
-            if known or not many:
+            if is_known or not many:
                 probes = self._shading.chosen(view, labels, np.ones(len(colour), dtype=np.int64))
                 chosen = probes
                 if effort.shaded > 1:
                     shaded = np.full(len(colour), effort.shaded)
-                    shaded[view.samples[1].pixels] *= UNEVEN if known else 1
+                    shaded[view.samples[1].pixels] *= UNEVEN if is_known else 1
                     chosen = self._shading.chosen(view, labels, shaded)
-                seen = self._shading.seen(chosen.points)
-            if known:
-                colour += shade_gloss(self._shading, view, probes, chosen, seen.known, join_lights(lights))
+                visible = self._shading.visible(chosen.points)
+            if is_known:
+                colour += shade_gloss(
+                    self._shading, view, probes, chosen, visible.appearance, join_lights(lights)
+                )
             if many:
                 colour += shade_in_turn(self._shading, view, lights, effort)
             else:
                 curved = mark_curved(self._shading, chosen, len(colour))
                 for light, factor in lights:
                     colour += factor * shade_lit(
-                        self._shading, view, probes, chosen, seen, light, effort, curved
+                        self._shading, view, probes, chosen, visible, light, effort, curved
                     )
         return _image(view, colour * self._scale[:3], crop or (0, 0, *size))
 
@@ -198,17 +200,19 @@ class CompiledRenderer:
         rgba = np.zeros((len(origins), 4), dtype=np.float32)
         face, barycentric = self._surface.volumes.first_hits(origins, directions)
         hit = np.flatnonzero(face >= 0)
-        seen = self._shading.seen(self._surface.points(face[hit], barycentric[hit], directions[hit]))
+        visible = self._shading.visible(self._surface.points(face[hit], barycentric[hit], directions[hit]))
         colour = np.zeros((len(hit), 3))
         lights = list(_lights(light_position, light_colour))
         for light, factor in lights:
-            colour += factor * self._shading.colour(seen, self._shading.arriving(seen.points, light), light)
+            colour += factor * self._shading.colour(
+                visible, self._shading.arriving(visible.points, light), light
+            )
         if isinstance(self._network, KnownLight) and len(hit) and lights:
             # Each ray is answered as if it were alone.
             first, single = np.zeros(len(hit), dtype=np.int64), np.ones(len(hit), dtype=np.int64)
             cast = Cast(first, first, first, single)
-            asked = seen.points, seen.known, cast, RAY_SAMPLES * single, join_lights(lights)
-            colour += self._network.in_gloss(*asked)[0]
+            arguments = visible.points, visible.appearance, cast, RAY_SAMPLES * single, join_lights(lights)
+            colour += self._network.in_gloss(*arguments)[0]
         rgba[hit, :3] = colour
         rgba[hit, 3] = 1.0
         return rgba * self._scale
@@ -219,9 +223,9 @@ def _image(view: View, colour: np.ndarray, crop: Crop) -> np.ndarray:
     top, left, height, width = crop
     rgba = np.zeros((height, width, 4), dtype=np.float32)
     row, column = view.rows.astype(np.int64) - top, view.columns.astype(np.int64) - left
-    kept = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    rgba[row[kept], column[kept], :3] = (colour * (view.alpha / view.coverage)[:, None])[kept]
-    rgba[row[kept], column[kept], 3] = view.alpha[kept]
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    rgba[row[inside], column[inside], :3] = (colour * (view.alpha / view.coverage)[:, None])[inside]
+    rgba[row[inside], column[inside], 3] = view.alpha[inside]
     return rgba
 
 

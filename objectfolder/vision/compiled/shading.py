@@ -9,7 +9,7 @@ from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
 from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.lobes import Cast
-from objectfolder.vision.compiled.network import CompiledNetwork, Known
+from objectfolder.vision.compiled.network import Appearance, CompiledNetwork
 from objectfolder.vision.compiled.radiosity import Lights
 from objectfolder.vision.compiled.rasteriser import meet_planes
 from objectfolder.vision.compiled.visibility import View
@@ -41,40 +41,40 @@ class Chosen:
         """
         first = np.flatnonzero(np.diff(self.pixel * GROUPS + self.group, prepend=-1))
         several = np.diff(first, append=len(self.pixel))
-        kept = np.where(pixels[self.pixel[first]], np.minimum(several, most), 0)
-        of = np.repeat(np.arange(len(first)), kept)
-        order = np.arange(len(of)) - (np.cumsum(kept) - kept)[of]
-        row = first[of] + (2 * order + 1) * several[of] // (2 * kept[of])
-        weight = (np.add.reduceat(self.weight, first) / np.maximum(kept, 1))[of]
+        counts = np.where(pixels[self.pixel[first]], np.minimum(several, most), 0)
+        of = np.repeat(np.arange(len(first)), counts)
+        order = np.arange(len(of)) - (np.cumsum(counts) - counts)[of]
+        row = first[of] + (2 * order + 1) * several[of] // (2 * counts[of])
+        weight = (np.add.reduceat(self.weight, first) / np.maximum(counts, 1))[of]
         return row, Chosen(self.pixel[row], self.group[row], weight, self.points.of(row))
 
 
 @dataclass(frozen=True)
-class Seen:
+class VisiblePoints:
     """Points (n,) with all about them that no light changes.
 
     Parameters
     ----------
-    points, known
+    points, appearance
         The points, and their features and albedo.
     place
         (n,) row of `met` that is seen mirrored in each, or -1.
-    met, met_known, share
-        Points (m,) seen in mirrors, what is known of them, and the share (m, 3) that the mirror reflects.
+    met, met_appearance, share
+        Points (m,) seen in mirrors, their appearance, and the share (m, 3) that the mirror reflects.
     """
 
     points: Points
-    known: Known
+    appearance: Appearance
     place: np.ndarray
     met: Points
-    met_known: Known
+    met_appearance: Appearance
     share: np.ndarray
 
-    def of(self, row: np.ndarray) -> "Seen":
+    def of(self, row: np.ndarray) -> "VisiblePoints":
         """Return some of the points, all that they may show in mirrors with them."""
-        features, albedo = self.known
+        features, albedo = self.appearance
         return replace(
-            self, points=self.points.of(row), known=(features[row], albedo[row]), place=self.place[row]
+            self, points=self.points.of(row), appearance=(features[row], albedo[row]), place=self.place[row]
         )
 
 
@@ -91,12 +91,12 @@ class Shading:
     surface: LitSurface
     network: CompiledNetwork | KnownLight
 
-    def chosen(self, view: View, labels: list[np.ndarray], wanted: np.ndarray) -> Chosen:
-        """Choose `wanted` (p,) points of each group of each pixel."""
+    def chosen(self, view: View, labels: list[np.ndarray], counts: np.ndarray) -> Chosen:
+        """Choose `counts` (p,) points of each group of each pixel."""
         parts = []
         for samples, label in zip(view.samples, labels, strict=True):
             pixel, sample, group, weight = choose_samples(
-                label, 2 * GROUPS, samples.offsets_x, samples.offsets_y, wanted[samples.pixels], TARGETS
+                label, 2 * GROUPS, samples.offsets_x, samples.offsets_y, counts[samples.pixels], TARGETS
             )
             parts.append((samples.start + pixel, group, weight, *view.places(samples, pixel, sample)))
         pixel, group, weight, face, x, y = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -110,7 +110,7 @@ class Shading:
         )
         return self.surface.points(face, barycentric, direction)
 
-    def seen(self, points: Points) -> Seen:
+    def visible(self, points: Points) -> VisiblePoints:
         """Return all about points that no light changes."""
         place = np.full(len(points.face), -1)
         met, share = points.of(np.empty(0, dtype=np.int64)), np.empty((0, 3), dtype=np.float32)
@@ -119,7 +119,7 @@ class Shading:
             place[row] = np.arange(len(row))
             share = self.network.fresnel(points.of(row))
         of_met = self.network.features(met)
-        return Seen(points, self.network.features(points), place, met, of_met, share)
+        return VisiblePoints(points, self.network.features(points), place, met, of_met, share)
 
     def arriving(self, points: Points, light: np.ndarray) -> np.ndarray:
         """Return the irradiance (n,) of points."""
@@ -127,20 +127,20 @@ class Shading:
         irradiance[hidden] = 0.0
         return irradiance
 
-    def colour(self, seen: Seen, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Return the colour (n, 3) of what is seen, of irradiance (n,) by a light."""
-        colour = self.network.bounced_by(seen.points, seen.known, irradiance, light)
-        return colour + self.directly(seen, irradiance, light)
+    def colour(self, visible: VisiblePoints, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Return the colour (n, 3) of visible points, of irradiance (n,) by a light."""
+        colour = self.network.bounced_by(visible.points, visible.appearance, irradiance, light)
+        return colour + self.directly(visible, irradiance, light)
 
-    def directly(self, seen: Seen, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
+    def directly(self, visible: VisiblePoints, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return the colour (n, 3) but for bounced light."""
-        colour = self.network.directly(seen.points, seen.known, irradiance, light)
+        colour = self.network.directly(visible.points, visible.appearance, irradiance, light)
         if not isinstance(self.network, KnownLight) and self.network.mirrors:
-            row = np.flatnonzero(seen.place >= 0)
-            met, (features, albedo) = seen.place[row], seen.met_known
-            points = seen.met.of(met)
-            known, arriving = (features[met], albedo[met]), self.arriving(points, light)
-            colour[row] += seen.share[met] * self.network.mirrored(points, known, arriving, light)
+            row = np.flatnonzero(visible.place >= 0)
+            met, (features, albedo) = visible.place[row], visible.met_appearance
+            points = visible.met.of(met)
+            appearance, arriving = (features[met], albedo[met]), self.arriving(points, light)
+            colour[row] += visible.share[met] * self.network.mirrored(points, appearance, arriving, light)
         return colour
 
 

@@ -89,7 +89,7 @@ class Surroundings:
         """Return what reaches points; without `bounces` no light comes off the object."""
         network, around = self._network, self._environment
         features, _ = network.features(points)
-        arriving, unhindered, bounced, told = (np.zeros((len(features), 3)) for _ in range(4))
+        arriving, unhindered, bounced, sampled = (np.zeros((len(features), 3)) for _ in range(4))
         turns = MAP_LIGHTS // LIGHTS_A_PIXEL
         turn = (4 * (cast.rows % 4) + cast.columns % 4) * 5 % turns
         if bounces and isinstance(network, KnownLight):
@@ -109,12 +109,12 @@ class Surroundings:
                 # As strong as the far light is at the point.
                 square = ((direction - points.position) ** 2).sum(axis=1)
                 lamps = network.lamps(around.directions)
-                there = network.bounced(points, features, light, lamps, irradiance / square)
-                bounced += power * square[:, None] * there
-                told += power
-        if told.any():
+                radiance = network.bounced(points, features, light, lamps, irradiance / square)
+                bounced += power * square[:, None] * radiance
+                sampled += power
+        if sampled.any():
             total = around.powers.sum(axis=0)
-            bounced *= np.divide(total, told, out=np.zeros_like(told), where=told > 0)
+            bounced *= np.divide(total, sampled, out=np.zeros_like(sampled), where=sampled > 0)
         return Gathered(arriving, unhindered, bounced)
 
     def outlined(self, points: Points, gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:
@@ -176,8 +176,8 @@ class Surroundings:
         facet = self._surface.facets[points.face[row]] * points.side[row, None]
         start = points.position[row] + SELF_OFFSET * facet
         starts = scattered(cast.of(row))
-        known = isinstance(self._network, KnownLight)
-        widths = lit.features[row, 0].astype(np.float64) if known else np.full(len(row), float(alpha2))
+        is_known = isinstance(self._network, KnownLight)
+        widths = lit.features[row, 0].astype(np.float64) if is_known else np.full(len(row), float(alpha2))
         # Directions that see the pixel, those of its other points among them.
         seeing = cast.count[row] * (samples[-1] + 1 if count else 1)
         texel = 2 * np.pi / around.heights[0] ** 2  # steradians, in the mean
@@ -199,8 +199,8 @@ class Surroundings:
             clear, met = self._met(start[sent], np.ascontiguousarray(direction[sent]), lit.matt[row[sent]])
             sparse = 1.0 / (seeing[sent] * density[sent])
             level = 0.5 * np.log2(sparse / texel) - SHARPER
-            seen = looked_up(around.texels, around.heights, direction[sent], level)
-            light[sent] += weight * np.where(clear[:, None], seen, met) / count
+            sky = looked_up(around.texels, around.heights, direction[sent], level)
+            light[sent] += weight * np.where(clear[:, None], sky, met) / count
         return light
 
     def _met(
