@@ -1,4 +1,13 @@
-"""Running jobs on the workers of a Dask scheduler, which decides what runs where and when."""
+"""Running jobs on the workers of a Dask scheduler, which decides what runs where and when.
+
+Dask has three means that this module does not use, for each would lose a promise:
+
+- ``retries=`` runs a function again that raised an error, on the same resources. Here a task body that
+  fails has an outcome, the same on every worker. A killed process is tried again with more memory.
+- ``as_completed`` yields futures of Dask alone, wakes ten times a second, and has one deadline for all. Here
+  files on their way to a store end beside futures, and the workers are looked at while nothing ends.
+- Futures as inputs of tasks: the content of the files that a task reads decides whether it runs at all.
+"""
 
 import contextlib
 import hashlib
@@ -16,11 +25,12 @@ from pathlib import Path
 from typing import Any
 
 import cloudpickle
+from distributed import KilledWorker
 
 from objectfolder.errors import FormatError
 from pipeline.cluster import pools, steady_clock, worker_plugin
 from pipeline.cluster.environment_check import Environment
-from pipeline.cluster.places import HERE, Place
+from pipeline.cluster.places import Place
 from pipeline.cluster.run_task import Answer, run_task
 from pipeline.cluster.steady_clock import use_steady_clock
 from pipeline.cluster.worker_plugin import MEMORY_BYTES, Admission
@@ -85,7 +95,6 @@ class DaskRunner:
         name = f"objectfolder-{digest[:12]}"
         self._client = client
         self._settings = place.child
-        self._is_here = place.starts in HERE
         self._run = secrets.token_hex(8)
         self._root = root
         self._marker = root / STATE / f"shared-{self._run}"  # workers that share the folder see it
@@ -244,7 +253,7 @@ class DaskRunner:
 
     def _after_error(self, task: _Task, error: BaseException) -> Finished | None:
         """Take the end of a task that failed around its call, not in it."""
-        if type(error).__name__ != "KilledWorker":
+        if not isinstance(error, KilledWorker):
             return self._finish(task, outcome_of(task.job, error))
         if task.suspected:
             return self._finish(task, failed(task.job, f"workers died under it ({error})", FEWER))

@@ -1,4 +1,10 @@
-"""Making the cluster class that a place names, and keeping as many workers as it should have."""
+"""Making the cluster class that a place names, and keeping as many workers as it should have.
+
+``cluster.scale`` and ``cluster.adapt`` say how many workers there are. Neither starts one again that did
+not start: it stays in ``cluster.workers``, and Dask compares numbers alone. ``scale`` to fewer and back would
+drop any worker that has not connected, hence also a job that waits in a queue. So those that failed are
+taken out of ``cluster.workers`` by name, and Dask starts what is missing (`_start_again`).
+"""
 
 import asyncio
 import importlib

@@ -266,6 +266,15 @@ def test_a_chart_speaks_in_words_that_do_not_collide() -> None:
     assert "sub" not in re.sub(r"<[^>]*>", "", chart)
 
 
+def test_the_worst_object_is_named_by_one_look_at_all(monkeypatch):
+    looks = []
+    worst = Measure.worst
+    monkeypatch.setattr(Measure, "worst", lambda *values: looks.append(1) or worst(*values))
+    summary = MeasureSummary(REPORTED[0], [(30.0, "bell"), (31.0, "die"), (20.0, "mug"), (20.0, "plate")])
+    assert summary.worst_object == "mug"
+    assert len(looks) == 1  # else the cost of a page grows with the square of the objects
+
+
 def test_charts_follow_the_colours_of_the_page_and_hold_text_of_any_kind() -> None:
     summary = MeasureSummary(Measure("a.b", HOSTILE, "$", target=3.0), [(1.0, "x"), (2.0, "y"), (4.0, "z")])
     chart, within = histogram(summary)

@@ -61,7 +61,8 @@ class MeasureSummary:
     @property
     def worst_object(self) -> str:
         """Id of the worst object, empty for none."""
-        return next((object_id for value, object_id in self.values if value == self.worst), "")
+        worst = self.worst
+        return next((object_id for value, object_id in self.values if value == worst), "")
 
     @property
     def met(self) -> bool | None:
