@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from learning.folds import folds_of
 from learning.networks import Labelled, Network, answers, fit_classifier
 from learning.runs import LOGS, Objects, kept
 from learning.samples import Samples, draw, regions_of
@@ -61,12 +62,6 @@ class Encoder:
     nearest_share: float
 
 
-def folds_of(count: int, settings: Settings) -> list[list[int]]:
-    """Return the objects that are unseen together; a gallery of one would be no choice, so two at least."""
-    order = np.random.default_rng(0).permutation(count)
-    return [part.tolist() for part in np.array_split(order, min(settings.folds, count // 2))]
-
-
 def encoded(
     objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int] = ()
 ) -> Encoder:
@@ -108,7 +103,7 @@ def train(
         How many folds of those; all if None.
     """
     by_draws: dict[NetworkKey, list[tuple[Any, ...]]] = {key: [key] for key in keys}
-    several = list(enumerate(folds_of(len(objects), settings)))[:folds]
+    several = list(enumerate(folds_of(objects, settings)))[:folds]
     for sense in unseen:
         networks = [(sense, "unseen", fold, tuple(out)) for fold, out in several]
         by_draws.setdefault((sense, "sample", settings.seeds[0]), []).extend(networks)

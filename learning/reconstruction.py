@@ -16,7 +16,8 @@ import numpy as np
 import torch
 import trimesh
 
-from learning.encoders import Encoded, Encoder, encoded, folds_of, train
+from learning.encoders import Encoded, Encoder, encoded, train
+from learning.folds import folds_of
 from learning.metrics import interval_over_objects
 from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
@@ -208,7 +209,7 @@ def trials(objects: Objects, settings: Settings) -> Iterator[Trial]:
     for seed in settings.seeds:
         for senses in VARIANTS:
             yield Trial(objects, settings, measures, senses, closed, closed, (), seed)
-    for fold, out in enumerate(folds_of(len(objects), settings)[: settings.reconstruction.folds]):
+    for fold, out in enumerate(folds_of(objects, settings)[: settings.reconstruction.folds]):
         known = tuple(label for label in closed if label not in out)
         tested = tuple(label for label in closed if label in out)
         for senses in VARIANTS:

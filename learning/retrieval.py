@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import nll_loss, normalize
 
-from learning.encoders import Encoded, Encoder, encoded, folds_of, train
+from learning.encoders import Encoded, Encoder, encoded, train
+from learning.folds import folds_of
 from learning.metrics import (
     average_precisions,
     chance_average_precision,
@@ -244,7 +245,7 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     """Return figures by direction and method, of objects seen in training and of unseen ones."""
     networks = [(sense, "sample", seed) for sense in SENSES for seed in settings.seeds]
     train(objects, settings, workers, networks, SENSES)
-    folds = folds_of(len(objects), settings)
+    folds = folds_of(objects, settings)
     cases: dict[str, list[tuple[str, int, tuple[int, ...]]]] = {
         "seen": [("sample", seed, ()) for seed in settings.seeds],
         "unseen": [("unseen", fold, tuple(out)) for fold, out in enumerate(folds)],

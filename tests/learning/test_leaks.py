@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from learning import encoders, reconstruction, stand_in
-from learning.encoders import Encoded, Encoder, folds_of, label_draws
+from learning.encoders import Encoded, Encoder, label_draws
+from learning.folds import folds_of
 from learning.grasping import stability
 from learning.networks import Labelled
 from learning.occupancy import Shapes
@@ -65,7 +66,7 @@ def labelled(count, seed, classes=4):
 @pytest.mark.parametrize("protocol", ["sample", "unseen"])
 def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeypatch, protocol):
     monkeypatch.setattr(encoders, "LOGS", tmp_path)
-    unseen = folds_of(len(objects), tiny)[0] if protocol == "unseen" else []
+    unseen = folds_of(objects, tiny)[0] if protocol == "unseen" else []
     fixed = {"training": labelled(16, 0), "validation": labelled(8, 1)}
     made = []
     for seed in (2, 3):
