@@ -51,7 +51,9 @@ class Item(NamedTuple):
 
 def write_page(objects: Objects, settings: Settings, results: Path, path: Path = PAGE) -> None:
     """Write the page from the figures of all tasks."""
-    figures = {file.stem: _json(file) | _json(settings_path(file)) for file in results.glob("*.json")}
+    # Beside the tasks' figures lie those of Meta-World, which has no settings.
+    files = [file for file in results.glob("*.json") if settings_path(file).exists()]
+    figures = {file.stem: _json(file) | _json(settings_path(file)) for file in files}
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined
     )

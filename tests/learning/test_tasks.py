@@ -98,6 +98,7 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
         ):
             path.parent.mkdir(exist_ok=True)
             path.write_text(json.dumps(content), encoding="utf-8")
+    (tmp_path / "metaworld.json").write_text("[]", encoding="utf-8")
     write_page(objects, tiny, tmp_path, tmp_path / "reports" / "learning.html")
     text = (tmp_path / "reports" / "learning.html").read_text(encoding="utf-8")
     headings = re.findall(r"<h2>(.*?)</h2>", text)

@@ -1,0 +1,204 @@
+"""Give the page of learning results its tables, from the files that `dvc repro learning/dvc.yaml` writes."""
+
+import json
+import re
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "learning" / "results"
+MARK = re.compile(r"<!-- learning (\w+) -->")
+SENSE_NAMES = {"V": "sight", "A": "sound", "T": "touch"}
+METHODS = {"ours": "triplet and cross-entropy", "CCA": "ridge CCA on the same features", "PLS": "PLS",
+           "classify, then look up": "classify, then look up"}  # fmt: skip
+LIKENESSES = {"iou": "IoU", "chamfer": "Chamfer-L1", "normal_consistency": "normal consistency"}
+GRASP_SENSES = {"V": "image", "T": "both gels", "VT": "both senses, one network",
+                "majority": "the commoner outcome", "majority of the object": "that of the object",
+                "trees on force and pose": "boosted trees that know force and pose"}  # fmt: skip
+Figures = dict[str, Any]
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Put a table where the page has a mark, as ``<!-- learning recognition -->``."""
+    return MARK.sub(lambda mark: table(mark[1]), markdown)
+
+
+def table(task: str, results: Path = RESULTS) -> str:
+    """Return the figures of a task in Markdown, and what they were made with."""
+    path = results / f"{task}.json"
+    figures, made_with = (
+        json.loads(file.read_text(encoding="utf-8")) for file in (path, results / "settings" / path.name)
+    )
+    return f"{TABLES[task](figures)}\n\n{_setting(task, made_with, path)}"
+
+
+def _setting(task: str, made_with: Figures, path: Path) -> str:
+    settings, count = made_with["settings"], len(made_with["objects"])
+    own = settings.get(task, {})
+    seeds = own.get("seeds", settings["seeds"])
+    training = settings["data"]["training"]
+    samples = f"{training['vision']} images, {training['audio']} strikes and {training['touch']} touches"
+    drawn = {
+        "grasping": f"{settings['grasping']['grasps']} grasps of each",
+        "regrasping": f"{settings['regrasping']['rollouts']} rollouts",
+        "reconstruction": f"{settings['reconstruction']['steps']:,} steps, {samples} of each for training",
+    }.get(task, f"{samples} of each for training")
+    return f"{count} objects, {drawn}, seeds {', '.join(map(str, seeds))}. {_recorded(path)}"
+
+
+def _recorded(path: Path) -> str:
+    """Return when a file was recorded, as git knows it."""
+    name = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
+    command = ["git", "log", "-1", "--format=%cs, `%h`", "--", name]
+    try:
+        when = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        when = ""
+    return f"`{name}`, recorded {when}." if when else f"`{name}`."
+
+
+def _rows(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [list(heading), ["---"] * len(heading), *map(list, rows)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _interval(value: float, interval: Sequence[float] | None, form: str) -> str:
+    """Return a value with its interval of 95 %; without it where none was taken."""
+    if not interval:
+        return format(value, form)
+    low, high = (format(end, form) for end in interval)
+    return f"{value:{form}} ({low} to {high})"
+
+
+def recognition(figures: Figures) -> str:
+    """Return top-1 accuracies by split and senses."""
+    senses = ["V", "A", "T", "VA", "VT", "AT", "VAT"]
+    heading = [f"recognition, top-1 %, chance {figures['chance_percent']:.0f}", *senses]
+    rows = [
+        [f"split by {protocol}", *(
+            _interval(row["accuracy_percent"], row["interval_percent"], ".1f")
+            for row in (figures[protocol][name] for name in senses)
+        )]
+        for protocol in ("sample", "region")
+    ]  # fmt: skip
+    several = [
+        [f"five together, by {protocol}"]
+        + [f"{figures[protocol]['several'][name]['5']:.1f}" if len(name) == 1 else "" for name in senses]
+        for protocol in ("sample", "region")
+    ]
+    deviations = [
+        [f"standard deviation over seeds, by {protocol}"]
+        + [_number(figures[protocol][name]["sd_percent"], ".1f") for name in senses]
+        for protocol in ("sample", "region")
+    ]
+    dark = figures["one lamp"]["V"]
+    lamp = _interval(dark["accuracy_percent"], dark["interval_percent"], ".1f")
+    return f"{_rows(heading, [*rows, *several, *deviations])}\n\nImages with one lamp anywhere: {lamp}."
+
+
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
+
+
+def retrieval(figures: Figures) -> str:
+    """Return mAP of seen and of unseen objects by direction and method."""
+    parts = []
+    for case in ("seen", "unseen"):
+        directions = figures[case]
+        if not directions:
+            continue
+        chance = next(iter(directions.values()))["ours"]["chance_one_positive"]
+        heading = [f"{case} objects, mAP with one positive, chance {chance:.2f}", *directions]
+        rows = []
+        for method, label in METHODS.items():
+            own = [row[method] for row in directions.values()]
+            single = [
+                _interval(row["map_one_positive"], row.get("map_one_positive_interval"), ".2f") for row in own
+            ]
+            rows.append([label, *single])
+        ahead = [row["CCA"] for row in directions.values()]
+        if "ours_ahead" in ahead[0]:
+            cells = [_interval(row["ours_ahead"], row["ours_ahead_interval"], "+.3f") for row in ahead]
+            rows.append(["first row less CCA", *cells])
+        parts.append(_rows(heading, rows))
+    return "\n\n".join(parts)
+
+
+def reconstruction(figures: Figures) -> str:
+    """Return likenesses of seen and of unseen objects, and what they are compared with."""
+    floor = figures["floor"]
+    parts = []
+    for case in ("seen", "unseen"):
+        variants = figures[case]
+        if not variants:
+            continue
+        cases = {name: row if case == "seen" else row[0] for name, row in variants.items()}
+        looked_up = f"looking up the named mesh: {', '.join(cases)}"
+        heading = [f"{case} objects", *cases, looked_up, "nearest known"]
+        rows = []
+        for measure, label in LIKENESSES.items():
+            form = ".4f" if measure == "chamfer" else ".3f"
+            interval = "iou_interval" if measure == "iou" else ""
+            rows.append([
+                f"{label} (floor: {floor[measure]:{form}})",
+                *(_interval(row["ours"][measure], row.get(interval), form) for row in cases.values()),
+                ", ".join(format(row["look_up"][measure], form) for row in cases.values()),
+                format(next(iter(cases.values()))["nearest_known"][measure], form),
+            ])  # fmt: skip
+        sizes = [f"{100 * row['size_error_share']:.1f} %" for row in cases.values()]
+        parts.append(_rows(heading, [*rows, ["error of the size", *sizes, "", ""]]))
+    return "\n\n".join(parts)
+
+
+def stand_in(figures: Figures) -> str:
+    """Return recognition with training and test on either source, and what a detector tells apart."""
+    ways = list(next(iter(figures["recognition"].values())))
+    labels = [way.replace("object_file", "file").replace(" to ", " -> ") for way in ways]
+    heading = ["trained on -> tested on, %", *labels, "told apart by a detector, %"]
+    rows = [
+        [SENSE_NAMES[sense], *(f"{row[way]:.1f}" for way in ways), _interval(
+            figures["detector"][sense]["right_percent"], figures["detector"][sense]["interval_percent"], ".0f"
+        )]
+        for sense, row in figures["recognition"].items()
+    ]  # fmt: skip
+    return _rows(heading, rows)
+
+
+def grasping(figures: Figures) -> str:
+    """Return accuracies by how many grasps were trained on, and on objects left out."""
+    sizes = sorted(figures["accuracy_percent"], key=int)
+    counts = [f"{int(size):,} grasps" for size in sizes]
+    heading = ["will it hold, accuracy in % after", *counts, "on an object left out"]
+    left_out = figures["unseen_object"].values()
+    rows = [
+        [label, *(f"{figures['accuracy_percent'][size][name]:.0f}" for size in sizes),
+         f"{sum(row[name] for row in left_out) / len(left_out):.0f}"]
+        for name, label in GRASP_SENSES.items()
+    ]  # fmt: skip
+    left_out_grasps = f"{figures['left_out_unseen']} were left out as the gels could not show them"
+    return f"{_rows(heading, rows)}\n\n{figures['grasps']:,} grasps; {left_out_grasps}."
+
+
+def regrasping(figures: Figures) -> str:
+    """Return how many objects are held, by who moves."""
+    rows = [
+        [who, _interval(row["percent"], row["interval_percent"], ".1f"), f"{row['regrasps']:.1f}"]
+        for who, row in sorted(figures["held"].items())
+    ]
+    return _rows(["who moves", "objects held, %", "regrasps"], rows)
+
+
+TABLES: dict[str, Callable[[Figures], str]] = {
+    "recognition": recognition,
+    "retrieval": retrieval,
+    "reconstruction": reconstruction,
+    "stand_in": stand_in,
+    "grasping": grasping,
+    "regrasping": regrasping,
+}
