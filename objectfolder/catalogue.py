@@ -89,20 +89,6 @@ class Catalogue:
     records: tuple[ObjectRecord, ...]
     errors: dict[str, InputError]
 
-    def select(self, ids: Iterable[str], where: str = "ONLY") -> "Catalogue":
-        """Keep the objects named; InputError with the nearest id for one that the table does not have."""
-        selection = list(ids)
-        table_ids = [record.id for record in self.records] + list(self.errors)
-        for object_id in selection:
-            if object_id not in table_ids:
-                near = difflib.get_close_matches(object_id, table_ids, n=1)
-                remedy = f"Did you mean {near[0]!r}?" if near else "Use an id of the table"
-                raise InputError(where, f"there is no object {object_id!r}", remedy)
-        return Catalogue(
-            tuple(record for record in self.records if record.id in selection),
-            {object_id: error for object_id, error in self.errors.items() if object_id in selection},
-        )
-
 
 def read_catalogue(path: Path, materials: Iterable[str]) -> Catalogue:
     """Read the table of objects.

@@ -180,15 +180,6 @@ def test_several_bad_rows_are_all_reported(folder):
     assert [record.id for record in catalogue.records] == ["d"]
 
 
-def test_select_keeps_what_is_named_and_names_the_nearest(folder):
-    text = "id,mesh,material\ncube,cube/model.obj,steel\nbad,nowhere.obj,steel\nother,cube/model.obj,wood\n"
-    catalogue = read_catalogue(write(folder, text), MATERIALS)
-    selected = catalogue.select(["other", "bad"])
-    assert ([record.id for record in selected.records], list(selected.errors)) == (["other"], ["bad"])
-    with pytest.raises(InputError, match=r"no object 'cuve'\. Did you mean 'cube'\?"):
-        catalogue.select(["cuve"])
-
-
 def test_catalogue_of_real_scans_works_as_it_is(shared_objects: Path):
     catalogue = read_catalogue(shared_objects / "catalogue.csv", MATERIALS)
     assert (len(catalogue.records), catalogue.errors) == (100, {})

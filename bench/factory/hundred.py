@@ -18,6 +18,7 @@ from bench.record import RESULTS, arguments, conclude, save, subplots
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
+from pipeline.dataset.selection import read_selection
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import known_costs
 from pipeline.run.estimates import last_costs
@@ -52,7 +53,7 @@ def main() -> None:
         )
     rows = read_rows(table)
     parameters = read_parameters(root / "params.yaml")
-    listed = read_table(root, parameters.objects).selected(parameters.objects.only)
+    listed = read_table(root, parameters.objects).selected(read_selection(root))
     stages = {name: stage_cost(root, name) for name in STAGES}
     figures = {
         "objects_listed": len(listed.rows) + len(listed.refused),

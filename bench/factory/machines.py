@@ -247,7 +247,6 @@ def parameters(size: str) -> dict[str, Any]:
         section: {**values, **SMALLEST[section]} for section, values in default.items()
     }
     content["size"] = size
-    content["objects"]["only"] = []
     return dict(content)
 
 

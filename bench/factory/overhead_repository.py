@@ -17,8 +17,8 @@ from pathlib import Path
 from bench.record import REPOSITORY
 
 COPIED = (
-    "objectfolder", "pipeline", "bench/results", "data/materials.csv", "data/retry.json", "dvc.yaml",
-    "params.yaml", "requirements.lock",
+    "objectfolder", "pipeline", "bench/results", "data/materials.csv", "data/retry.json",
+    "data/selection/.gitignore", "dvc.yaml", "params.yaml", "requirements.lock",
 )  # fmt: skip
 GITIGNORE = "__pycache__/\n/.objectfolder/\n/runs/\n"
 DVCIGNORE = "__pycache__\n*.pyc\n*.partial\n.objectfolder\nruns\n"

@@ -160,7 +160,7 @@ class _Bench:
         """Rows of the version's table of objects, its source files beside it."""
         name = self._version.lock.table or TABLE
         if self._version.commit is None:
-            return read_table(self._contents.root, ObjectsParameters(name, ())).rows
+            return read_table(self._contents.root, ObjectsParameters(name)).rows
         for path in (name, MATERIALS.as_posix()):
             if path in self._version.texts:
                 self._inside(path).write_bytes(self._version.texts[path])
@@ -168,7 +168,7 @@ class _Bench:
             if is_folder(folder) and path not in self._version.folders:
                 for inner, md5 in self._contents.folder(folder, path).items():
                     self._place(Content(md5, where=f"{path}/{inner}"))
-        return read_table(self._root, ObjectsParameters(name, ())).rows
+        return read_table(self._root, ObjectsParameters(name)).rows
 
     def _place(self, content: Content) -> Path:
         """Return the path of a file of the version, put into the scratch folder."""

@@ -148,7 +148,7 @@ def failures(*, retry: bool = False, json: Json = False, root: Root = Path("."))
 
 
 def select(*, table: str | None = None, only: str | None = None, root: Root = Path(".")) -> None:
-    """Choose objects in params.yaml, and say what changed.
+    """Choose the table of objects, and which of them this checkout makes; say what changed.
 
     Parameters
     ----------
@@ -157,10 +157,9 @@ def select(*, table: str | None = None, only: str | None = None, root: Root = Pa
     only
         ids with commas between them; empty for all
     """
-    from pipeline.dataset.parameters import PARAMETERS
     from pipeline.dataset.selection import select as chosen
 
-    for line in chosen(root / PARAMETERS, table, only):
+    for line in chosen(root, table, only):
         print_text(line)
 
 

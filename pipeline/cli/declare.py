@@ -14,6 +14,7 @@ from objectfolder.products.atomic import write_whole
 from pipeline.dataset.failures import FAILURES, RETRY
 from pipeline.dataset.manifest import MANIFEST, PRODUCTS
 from pipeline.dataset.records import RECORDS
+from pipeline.dataset.selection import SELECTION_FOLDER
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.run.code_digests import CODE, SENSOR
@@ -29,9 +30,10 @@ def declared() -> dict[str, dict[str, Any]]:
     sections = {f"sizes.${{size}}.{name.partition('.')[0]}" for stage in stages for name in stage.parameters}
     products = {
         "cmd": f"exec python -m pipeline.cli {MADE_BY_ALL}",
-        "deps": [str(path) for path in (INPUTS, RECORDS, RETRY)],
+        "deps": [str(path) for path in (INPUTS, RECORDS, RETRY, SELECTION_FOLDER)],
         "params": [
-            *("allow_failures", "objects.only", "seed"),
+            "allow_failures",
+            "seed",
             *sorted(sections),
             {str(CODE): [*STAGES, SENSOR]},
         ],

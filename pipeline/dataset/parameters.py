@@ -71,13 +71,6 @@ def _path(text: str) -> str:
     return text
 
 
-def _different(ids: tuple[str, ...]) -> tuple[str, ...]:
-    """Check that no id is there twice."""
-    if len(set(ids)) < len(ids):
-        raise ValueError("It must name each object once")
-    return ids
-
-
 @dataclass(frozen=True, config=NO_OTHER_KEYS)
 class ObjectsParameters:
     """Which objects are made."""
@@ -86,11 +79,6 @@ class ObjectsParameters:
         str,
         AfterValidator(_path),
         Field(description="table of objects, a path from the root of the data set"),
-    ]
-    only: Annotated[
-        tuple[str, ...],
-        AfterValidator(_different),
-        Field(description="ids of objects to make; none: all of the table"),
     ]
     meshes: Annotated[
         str, Field(description="folder of their meshes and textures, in which DVC looks for changes")
@@ -247,7 +235,12 @@ def read_parameters(path: Path, size: str | None = None) -> Parameters:
     InputError
         A missing or unknown key, a value of a wrong type, a size that is not described.
     """
-    file = validated(path.name, ParametersFile, read_yaml(path), {"root": path.parent})
+    content = read_yaml(path)
+    objects = content.get("objects") if isinstance(content, dict) else None
+    if isinstance(objects, dict) and "only" in objects:  # of earlier versions
+        remedy = "Delete that line. `objectfolder select --only ID,ID` selects objects, for one checkout."
+        raise InputError(path.name, "objects.only is no parameter any more", remedy)
+    file = validated(path.name, ParametersFile, content, {"root": path.parent})
     size = size or file.size
     if size not in file.sizes:
         known = ", ".join(file.sizes)

@@ -4,6 +4,7 @@
 the first depend on neither the table's place nor columns that mean nothing to them.
 """
 
+import difflib
 import json
 import re
 from collections.abc import Collection, Mapping
@@ -43,9 +44,20 @@ class Records:
         return frozenset(self.rows) | {failure.object_id for failure in self.refused}
 
     def selected(self, only: Collection[str]) -> "Records":
-        """Return the objects named by ``objects.only``; all of them where it is empty."""
+        """Return the objects of a selection; all of them where it is empty.
+
+        Raises
+        ------
+        InputError
+            An id that the table does not list; the nearest one is named.
+        """
         if not only:
             return self
+        for object_id in only:
+            if object_id not in self.listed:
+                near = difflib.get_close_matches(object_id, self.listed, n=1)
+                remedy = f"Did you mean {near[0]!r}?" if near else "Use an id of the table."
+                raise InputError("the selection (ONLY=)", f"there is no object {object_id!r}", remedy)
         rows = {object_id: row for object_id, row in self.rows.items() if object_id in only}
         return Records(rows, tuple(failure for failure in self.refused if failure.object_id in only))
 
@@ -53,20 +65,18 @@ class Records:
 def read_table(root: Path, objects: "ObjectsParameters") -> Records:
     """Read the table of objects and the materials; rows have source files besides their records.
 
-    All objects of the table are returned, those that ``objects.only`` leaves out included.
+    All objects of the table are returned, those that are not selected included.
 
     Raises
     ------
     InputError
-        A table that cannot be used, or an id in ``objects.only`` that it does not list.
+        A table that cannot be used.
     """
     from objectfolder.audio.materials import read_materials
     from objectfolder.catalogue import read_catalogue
 
     materials = read_materials(root / MATERIALS)
     catalogue = read_catalogue(root / objects.table, materials)
-    if objects.only:
-        catalogue.select(objects.only, "objects.only (ONLY=)")  # an unknown id is an error
     rows = {record.id: row_of(record, materials[record.material]) for record in catalogue.records}
     refused = tuple(failure_of(object_id, error) for object_id, error in catalogue.errors.items())
     return Records(rows, refused)

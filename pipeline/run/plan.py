@@ -21,6 +21,7 @@ from rich.filesize import decimal
 from pipeline.cluster.places import Place, read_place
 from pipeline.dataset.parameters import ObjectsParameters, Parameters, read_parameters
 from pipeline.dataset.records import read_table
+from pipeline.dataset.selection import read_selection
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.run.estimates import Estimate, Estimates
@@ -133,8 +134,8 @@ def plan_data_set(
     machines = machines_of(read_place(root))
     if count:
         return plan_for_count(root, parameters, count, machines, workers)
-    listed = ObjectsParameters(str(objects), ()) if objects else parameters.objects
-    rows = read_table(root, listed).selected(listed.only).rows
+    listed = ObjectsParameters(str(objects)) if objects else parameters.objects
+    rows = read_table(root, listed).selected(() if objects else read_selection(root)).rows
     return plan(root, parameters, rows, machines, workers)
 
 

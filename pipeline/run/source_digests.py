@@ -3,7 +3,6 @@
 With them ``dvc.yaml`` knows by object what changed, wherever the meshes lie.
 """
 
-import dataclasses
 import json
 import os
 import sys
@@ -32,7 +31,7 @@ def write_inputs(root: Path) -> None:
         ``params.yaml`` or the table cannot be used.
     """
     objects = read_parameters(root / PARAMETERS).objects
-    records = read_table(root, dataclasses.replace(objects, only=()))
+    records = read_table(root, objects)
     verified = Verified(root)
     stages = [stage for stage in STAGES.values() if stage.sources]
     with ThreadPoolExecutor() as pool:  # files are hashed outside Python's lock

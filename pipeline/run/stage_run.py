@@ -16,6 +16,7 @@ from pipeline.dataset.job import Runner
 from pipeline.dataset.manifest import is_listed, read_products, write_manifest
 from pipeline.dataset.parameters import PARAMETERS, read_parameters
 from pipeline.dataset.records import read_records, read_table
+from pipeline.dataset.selection import SELECTION, read_selection
 from pipeline.dataset.stages import STAGES
 from pipeline.dataset.verified import Verified
 from pipeline.run.converge import Summary, converge
@@ -66,12 +67,12 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     parameters = read_parameters(root / PARAMETERS)
     where = read_place(root, place)
     records = read_table(root, parameters.objects) if "objects" in names else read_records(root)
-    selected = records.selected(parameters.objects.only)
+    selected = records.selected(read_selection(root))
     others = records.listed - selected.listed
     notes = []
     if others:
         notes.append(
-            f"{PARAMETERS}: objects.only selects {len(selected.listed)} of {len(records.listed)} objects; "
+            f"{SELECTION} selects {len(selected.listed)} of {len(records.listed)} objects; "
             "products of the others stay as they are"
         )
     stages = [STAGES[name] for name in names]

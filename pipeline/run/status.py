@@ -19,6 +19,7 @@ from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import Parameters, read_parameters
 from pipeline.dataset.products import read_description
 from pipeline.dataset.records import read_table
+from pipeline.dataset.selection import read_selection
 from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.dataset.verified import FINGERPRINT, Verified
@@ -82,7 +83,7 @@ def status(
     if rows is None:
         records = read_table(root, parameters.objects)
         listed = records.listed
-        records = records.selected(parameters.objects.only)
+        records = records.selected(read_selection(root))
         rows = records.rows
         refused = {failure.object_id: failure.error for failure in records.refused}
     verified = Verified(root)

@@ -164,10 +164,12 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     parameters.write_text(text.replace("most_parts: ", "most_parts: 1", 1))
     with chdir(root):
         assert main(["select", "--only", FIRST]) == 0
+    assert "selection" not in repository.run("git", "status", "--porcelain", "-uall").stdout
     assert repository.repro() == [f"collision {FIRST}", f"fidelity {FIRST}"]
     assert repository.products().keys() == before.keys()
     with chdir(root):
         assert main(["select", "--only", ""]) == 0
+    assert repository.status() == ["products"]
     table = root / "data" / "starter.csv"
     table.write_text("".join(line for line in table.open() if THIRD not in line))
     assert repository.repro() == [f"collision {SECOND}", f"fidelity {SECOND}"]

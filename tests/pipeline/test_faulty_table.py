@@ -10,6 +10,7 @@ from objectfolder.mesh.starter.die import die
 from objectfolder.mesh.starter.write import write_obj
 from pipeline.cli import main
 from pipeline.dataset.failures import read_failures
+from pipeline.dataset.selection import SELECTION
 
 HEAD = "id,name,mesh,texture,material,length_m\n"
 FAULTS = {
@@ -51,6 +52,8 @@ def root(meshes: Path, tmp_path: Path) -> Path:
     shutil.copy(REPOSITORY / "data" / "materials.csv", tmp_path / "data")
     rows = ["good,,die/model.obj,,steel,as in file", *(fault[0] for fault in FAULTS.values())]
     (tmp_path / "data" / "starter.csv").write_text(HEAD + "\n".join(rows) + "\n")
+    (tmp_path / SELECTION).parent.mkdir()
+    (tmp_path / SELECTION).write_text("")
     (tmp_path / "cluster").mkdir()
     (tmp_path / "cluster" / "local.yaml").write_text("kwargs: {threads_per_worker: 1}\n")
     return tmp_path
@@ -87,7 +90,7 @@ def test_failures_stop_the_run_where_they_are_not_allowed(root, monkeypatch):
     [
         ("params.yaml", "seed: 0", "sead: 0", "params.yaml: unknown key sead. Did you mean seed?"),
         ("data/starter.csv", "material", "stuff", "has no column 'material'"),
-        ("params.yaml", "only: []", "only: [godo]", "there is no object 'godo'. Did you mean 'good'?"),
+        ("data/selection/only.txt", "", "godo", "there is no object 'godo'. Did you mean 'good'?"),
         ("cluster/local.yaml", "kwargs", "kwrags", "unknown key kwrags"),
         ("data/materials.csv", "density_kg_m3", "density", "column density_kg_m3 is missing"),
     ],

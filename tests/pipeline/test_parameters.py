@@ -2,6 +2,7 @@
 
 import functools
 import operator
+import subprocess
 
 import pytest
 import yaml
@@ -12,7 +13,7 @@ from objectfolder.errors import InputError
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import FOLDER, read_sensor
 from pipeline.dataset.parameters import CommonParameters, SizeParameters, read_parameters
-from pipeline.dataset.selection import select
+from pipeline.dataset.selection import SELECTION, read_selection, select
 
 TEXT = (REPOSITORY / "params.yaml").read_text()
 
@@ -53,7 +54,8 @@ def test_both_sizes_are_whole(tmp_path):
         ("seed: 0", "seed: [0", "cannot be read"),
         ("seed: 0", "seed: 1:30", "1:30 is another number in YAML 1.2"),
         ("seed: 0", "seed: 017", "017 is another number in YAML 1.2"),
-        ("only: []", "only: [mug, mug]", "only is ['mug', 'mug']. It must name each object once."),
+        ("objects:\n", "objects:\n  only: [a]\n", "objects.only is no parameter any more. Delete that line."),
+        ("objects:\n", "objects: [only]\nobject:\n", "unknown key object. Did you mean objects?"),
         ("table: data/starter.csv", 'table: "a\\0"', "objects.table is 'a\\x00'. It must be a path."),
         ("table: data/starter.csv", 'table: ""', "objects.table is ''. It must be a path."),
     ],
@@ -147,32 +149,35 @@ def test_a_mistake_in_the_size_not_selected_is_named(tmp_path):
 
 
 def test_selection_edits_only_what_it_says(tmp_path):
-    path = tmp_path / "params.yaml"
+    path, chosen = tmp_path / "params.yaml", tmp_path / SELECTION
     path.write_text(TEXT)
     table = tmp_path / "mine.csv"
     table.write_text("id,mesh,material\ncup,meshes/a/cup.obj,glass\ndish,meshes/dish.obj,glass\n")
-    assert select(path, None, None) == []
+    assert select(tmp_path, None, None) == []
     assert path.read_text() == TEXT
-    changes = select(path, str(table), "cup, dish")
-    assert changes == [
+    assert select(tmp_path, str(table), "cup, dish") == [
         f"params.yaml: objects.table is now {table} (was data/starter.csv)",
-        "params.yaml: objects.only is now cup, dish (was all)",
         "params.yaml: objects.meshes is now meshes (was data/starter)",
+        "data/selection/only.txt: selected are now cup, dish (were all)",
     ]
-    parameters = read_parameters(path)
-    assert parameters.objects.table == str(table)
-    assert parameters.objects.only == ("cup", "dish")
+    assert read_parameters(path).objects.table == str(table)
+    assert read_selection(tmp_path) == ("cup", "dish")
     comments = [line.partition("#")[2] for line in TEXT.splitlines() if "#" in line]
-    assert [line.partition("#")[2] for line in path.read_text().splitlines() if "#" in line] == comments
-    assert select(path, None, "") == ["params.yaml: objects.only is now all (was cup, dish)"]
+    edited = path.read_text()
+    assert [line.partition("#")[2] for line in edited.splitlines() if "#" in line] == comments
+    assert select(tmp_path, None, "") == ["data/selection/only.txt: selected are now all (were cup, dish)"]
+    assert (path.read_text(), chosen.exists()) == (edited, False)
 
 
 def test_another_table_drops_ids_of_the_former(tmp_path):
     path = tmp_path / "params.yaml"
-    path.write_text(TEXT.replace("only: []", "only: [cup]"))
+    path.write_text(TEXT)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "starter.csv").write_text("id,material\ncup,glass\n")
     (tmp_path / "mine.csv").write_text("id,material\n")
-    select(path, "mine.csv", None)
-    assert read_parameters(path).objects.only == ()
+    select(tmp_path, None, "cup")
+    select(tmp_path, "mine.csv", None)
+    assert read_selection(tmp_path) == ()
     assert read_parameters(path).objects.meshes == "mine.csv"  # no folder without products has them
 
 
@@ -181,13 +186,22 @@ def test_an_id_that_the_table_lacks_is_refused_with_those_it_has(tmp_path):
     path.write_text(TEXT)
     table.write_text("id,mesh,material\ncup,cup.obj,glass\ndish,dish.obj,glass\n")
     with pytest.raises(InputError, match=r"--only: nix: not in .*mine\.csv\. Known are cup, dish\."):
-        select(path, str(table), "cup,nix")
-    assert path.read_text() == TEXT
+        select(tmp_path, str(table), "cup,nix")
+    assert (path.read_text(), read_selection(tmp_path)) == (TEXT, ())
+
+
+def test_git_ignores_a_selection_and_one_that_cannot_be_read_is_named(tmp_path):
+    ignored = ["git", "check-ignore", "--quiet", str(SELECTION)]
+    assert subprocess.run(ignored, cwd=REPOSITORY, check=False).returncode == 0
+    (tmp_path / SELECTION).parent.mkdir(parents=True)
+    (tmp_path / SELECTION).write_bytes(b"\xff\n")
+    with pytest.raises(InputError, match=r"data/selection/only\.txt: cannot be read .* Delete it"):
+        read_selection(tmp_path)
 
 
 def test_missing_table_is_named(tmp_path):
     path = tmp_path / "params.yaml"
     path.write_text(TEXT)
     with pytest.raises(InputError, match=r"nowhere\.csv: no such table"):
-        select(path, "nowhere.csv", None)
+        select(tmp_path, "nowhere.csv", None)
     assert path.read_text() == TEXT
