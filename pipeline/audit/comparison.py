@@ -76,7 +76,9 @@ class Comparison:
                 state = State.REMOVED
             elif failure is not None:
                 state = State.STILL_FAILED if was in failed_before else State.FAILED
-            elif was not in old.listed:
+            elif object_id in new.not_made:
+                state = State.NOT_MADE
+            elif was not in old.listed or was in old.not_made:
                 state = State.ADDED
             elif was != object_id:
                 state = State.RENAMED

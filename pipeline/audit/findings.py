@@ -24,7 +24,8 @@ FIGURES = "its figures in the committed report; no product that could be compare
 class State(StrEnum):
     """What became of an object, or of its products of a stage (changed, made or gone).
 
-    *Not compared* is an object of which nothing changed as far as could be read, and not all could.
+    *Not made* is an object with neither a product nor a failure. *Not compared* is one of which nothing
+    changed as far as could be read, and not all could.
     """
 
     ADDED = "added"
@@ -34,6 +35,7 @@ class State(StrEnum):
     FAILED = "failed"
     STILL_FAILED = "failed as before"
     MENDED = "mended"
+    NOT_MADE = "not made"
     NOT_COMPARED = "not compared"
     UNCHANGED = "unchanged"
     MADE = "made"

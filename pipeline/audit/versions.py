@@ -11,7 +11,7 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from objectfolder.products.regular_file import require_regular
 from pipeline.audit.contents import Content, Contents
 from pipeline.audit.git import Commit, GitRepository
-from pipeline.dataset.failures import FailedObject, read_failures
+from pipeline.dataset.failures import FAILURES, FailedObject, parse_failures
 from pipeline.dataset.lock_file import LOCK, Lock, is_folder, read_lock
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, RECORDS, Records, parse_records
@@ -19,9 +19,11 @@ from pipeline.dataset.stage import Stage
 
 WORK_TREE = "work tree"
 PER_OBJECT, METRICS = "reports/per_object.csv", "reports/metrics.json"
-NOT_KEPT = "no product; versions do not keep why"
+NOT_KEPT = "no product; this version does not say why"
 LOOK = "See runs/ where that version was made, or run it again: `dvc repro`."
-TEXTS = (LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), PER_OBJECT, METRICS)
+TEXTS = (
+    LOCK, RECORDS.as_posix(), MATERIALS.as_posix(), FAILURES.as_posix(), PER_OBJECT, METRICS,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,6 @@ class Version:
     texts : small files that are versioned by git: `TEXTS`, and of a commit also outputs that DVC does not
         cache
     folders : products by the folder of their kind
-    reported : failures of the last run by stage and object; only the work tree has them
     damage : what is wrong with the ``dvc.lock`` of the work tree; it is read as an empty one, then
     """
 
@@ -61,7 +62,6 @@ class Version:
     lock: Lock
     texts: Mapping[str, bytes]
     folders: Mapping[str, Folder]
-    reported: Mapping[tuple[str, str], FailedObject] = field(default_factory=dict)
     damage: FormatError | None = None
 
     @property
@@ -99,6 +99,21 @@ class Version:
         material = self.rows.get(object_id, {}).get("material")
         return str(material.get("name") or "") if isinstance(material, dict) else ""
 
+    @cached_property
+    def reported(self) -> Mapping[tuple[str, str], FailedObject]:
+        """Failures by stage and object, by ``data/failures.json``; none where there is no such file."""
+        text = self.texts.get(FAILURES.as_posix(), b"[]")
+        return {(failure.stage, failure.object): failure for failure in parse_failures(text)}
+
+    @cached_property
+    def not_made(self) -> frozenset[str]:
+        """Ids of objects with neither a product nor a failure: not selected, or the run did not end."""
+        if FAILURES.as_posix() not in self.texts or any(folder.problem for folder in self.folders.values()):
+            return frozenset()
+        failed = {object_id for _, object_id in self.reported}
+        made = {object_id for folder in self.folders.values() for object_id in folder.products}
+        return frozenset(self.rows) - failed - made
+
     def content(self, kind: ProductKind, object_id: str) -> Content | None:
         """Return the content of a product; None for an absent one."""
         return self.folders[kind.folder].products.get(object_id)
@@ -119,7 +134,7 @@ class Version:
             folders = [self.folders[kind.folder] for kind in stage.products]
             if not all(folder.made and folder.problem is None for folder in folders):
                 continue
-            for object_id in self.rows:
+            for object_id in self.rows.keys() - self.not_made:
                 if not all(object_id in folder.products for folder in folders):
                     unknown = FailedObject(object_id, stage.name, NOT_KEPT, LOOK)
                     failures.setdefault(object_id, self.reported.get((stage.name, object_id), unknown))
@@ -172,8 +187,7 @@ def _work_tree(contents: Contents, stages: Sequence[Stage]) -> Version:
     if LOCK not in texts and not any(folder.products for folder in folders.values()):
         finding = f"there is no {LOCK} and no product"
         raise InputError(WORK_TREE, finding, "Run `dvc repro` or `make dataset`.")
-    reported = {(failure.stage, failure.object): failure for failure in read_failures(root)}
-    return Version(None, lock, texts, folders, reported, damage)
+    return Version(None, lock, texts, folders, damage)
 
 
 def _texts(git: GitRepository, commit: Commit, paths: Sequence[str]) -> dict[str, bytes]:

@@ -48,13 +48,29 @@ def read_failures(root: Path) -> list[FailedObject]:
         A damaged file.
     """
     try:
-        return [FailedObject(**entry) for entry in json.loads(read_regular(root / FAILURES))]
+        return parse_failures(read_regular(root / FAILURES))
     except FileNotFoundError:
         return []
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(
-            str(FAILURES), f"cannot be read ({error})", "Delete it, and run `dvc repro`."
-        ) from error
+    except OSError as error:
+        raise _unreadable(error) from error
+
+
+def parse_failures(text: bytes) -> list[FailedObject]:
+    """Return what a ``data/failures.json`` holds.
+
+    Raises
+    ------
+    InputError
+        A damaged one.
+    """
+    try:
+        return [FailedObject(**entry) for entry in json.loads(text)]
+    except (ValueError, TypeError, RecursionError) as error:
+        raise _unreadable(error) from error
+
+
+def _unreadable(error: Exception) -> InputError:
+    return InputError(str(FAILURES), f"cannot be read ({error})", "Delete it, and run `dvc repro`.")
 
 
 def write_failures(

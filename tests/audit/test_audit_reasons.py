@@ -279,11 +279,20 @@ def test_object_failed_and_mended(workshop):
     found = workshop.audit(workshop.first, failed)
     assert states(found) == {"cup": State.FAILED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
     assert only(found, "cup").failure.stage == "objects"
-    # The work tree's own record says why, as long as it is that of the last run.
+    assert "no mesh" in only(found, "cup").failure.error
     assert "no mesh" in only(workshop.audit(workshop.first), "cup").failure.error
     assert only(workshop.audit(failed, failed), "cup").state == State.STILL_FAILED
     workshop.write("cup.obj", "v 0 0 0\n")
     assert only(workshop.audit(failed, workshop.version("mended")), "cup").state == State.MENDED
+
+
+def test_object_that_was_not_selected_did_not_fail(workshop):
+    for kind in (kind for stage in workshop.stages for kind in stage.products):
+        kind.path(workshop.root, "cup").unlink()
+    partial = workshop.version("without the cup", make=False)
+    found = workshop.audit(workshop.first, partial)
+    assert states(found) == {"cup": State.NOT_MADE, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
+    assert only(workshop.audit(partial, workshop.version("with it")), "cup").state == State.ADDED
 
 
 def test_object_that_the_table_refuses(workshop):

@@ -19,13 +19,14 @@ from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 sys.path += [str(Path(__file__).parents[1] / name) for name in ("audit", "pipeline")]
 from versions_of_workshop import GIT, made_versions
 
+OTHERS = [f"bowl{number}" for number in range(18)]
+
 
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory):
-    """A data set of two objects, made and committed."""
-    with made_versions(
-        tmp_path_factory.mktemp("release"), "workshop_of_release", cup="steel", dish="wood"
-    ) as made:
+    """A data set of twenty objects, made and committed."""
+    materials = {"cup": "steel", "dish": "wood", **dict.fromkeys(OTHERS, "iron")}
+    with made_versions(tmp_path_factory.mktemp("release"), "workshop_of_release", **materials) as made:
         yield made
 
 
@@ -68,25 +69,29 @@ def test_from_the_first_release_to_a_second_that_another_fetches(workshop, run, 
     workshop.git("commit", "-qm", "where it is")
     status, out, error = run("release", "v1")
     assert status == FINE, error
-    assert "v1: 2 objects, 2 changed" in out
+    assert "v1: 20 objects, 20 changed" in out
     assert run("release", "v1")[0] == FAILED, "the tag is there"
 
     workshop.row("cup")["material"] = "glass"
+    workshop.table = [row for row in workshop.table if row["id"] != OTHERS[0]]
     workshop.save()
-    workshop.version("a glass cup")
+    workshop.add("jug", "wood")
+    workshop.version("a glass cup, and a jug in place of a bowl")
     status, out, error = run("release", "v2", "-o", str(tmp_path / "hub"))
     assert status == FINE, error
-    assert "v2: 2 objects, 1 changed since v1" in out
+    assert "v2: 20 objects, 3 changed since v1" in out
     assert workshop.git("status", "--porcelain") == ""
     changelog = workshop.git("show", "v2:reports/CHANGELOG.md")
     newest, _, first = changelog.partition("## v1")
     assert "**changed**: cup\n" in newest
     assert "steel" in newest
+    assert "**added**: jug\n" in newest
+    assert f"**removed**: {OTHERS[0]}\n" in newest
     assert "dish" not in newest
     assert "cup, dish" in first
     rows = csv.DictReader(workshop.git("show", "v2:reports/object_versions.csv").splitlines())
     versions = {row["object"]: row["version"] for row in rows}
-    assert versions["dish"] == "v1"
+    assert versions == {**dict.fromkeys([*OTHERS[1:], "dish"], "v1"), "cup": "v2", "jug": "v2"}
     zenodo = json.loads(workshop.git("show", "v2:.zenodo.json"))
     assert (zenodo["doi"], zenodo["creators"]) == ("10.5/x", [{"name": "A. Maker"}])
     assert zenodo["version"].startswith("2.0.0+")
@@ -103,9 +108,8 @@ def test_from_the_first_release_to_a_second_that_another_fetches(workshop, run, 
         command(root.parent, "git", "clone", "-q", "--bare", str(root), str(tmp_path / "bare.git"))
         status, out, error = run("get", f"{tmp_path}/bare.git@v2", "-o", "got", folder=tmp_path)
         assert status == FINE, error
-    for object_id in ("cup", "dish"):
-        fetched = tmp_path / "got" / f"{object_id}.safetensors"
-        assert fetched.read_bytes() == OBJECT_FILES.path(root, object_id).read_bytes()
+        files = {path.stem: path.read_bytes() for path in (tmp_path / "got").glob("*.safetensors")}
+        assert files == {name: OBJECT_FILES.path(root, name).read_bytes() for name in versions}
 
 
 def test_what_states_no_fidelity_or_is_damaged_is_not_released(workshop, run):
@@ -124,6 +128,9 @@ def test_what_states_no_fidelity_or_is_damaged_is_not_released(workshop, run):
     status, _, error = run("release", "v3")
     assert (status, "data/object_files/cup.safetensors: damaged" in error) == (FAILED, True)
     assert run("release", "three")[0] == FAILED
+    assert run("select", "--only", "dish")[0] == FINE
+    status, _, error = run("release", "v3")
+    assert (status, "data/selection/only.txt: objects are selected" in error) == (FAILED, True)
     status, _, error = run("release", "v3", "-o", str(workshop.root))
     assert (status, f"{workshop.root}: is there already" in error) == (FAILED, True)
     assert workshop.git("tag", "--list") == ""

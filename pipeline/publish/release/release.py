@@ -22,6 +22,7 @@ from pipeline.audit.verification import verify
 from pipeline.audit.versions import Version, made_nothing, read_version
 from pipeline.dataset.counts import counted
 from pipeline.dataset.lock_file import LOCK
+from pipeline.dataset.selection import SELECTION, read_selection
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.publish.cards.published_data_set import METRICS, PER_OBJECT, PUBLICATION, read_data_set
@@ -89,7 +90,7 @@ def release(
     ------
     InputError
         A name that is none or is taken; an `output` that exists; a work tree with changes, products that
-        are not as the inputs ask for, a damaged file, or an object without fidelity.
+        are not as the inputs ask for, a selection of objects, a damaged file, or an object without fidelity.
     """
     numbers = NAME.fullmatch(name)
     if numbers is None:
@@ -146,9 +147,12 @@ def _check_git(root: Path, name: str) -> None:
 
 
 def _check_products(root: Path, contents: Contents, version: Version, stages: Sequence[Stage]) -> None:
-    """Raise where products are not those that the inputs ask for, are damaged, or state no fidelity."""
+    """Raise where objects are selected, or products are not as asked for, damaged, or without fidelity."""
     from dvc.repo import Repo
 
+    if read_selection(root):
+        finding = "objects are selected, and a release has all of the table"
+        raise InputError(str(SELECTION), finding, "Run `make dataset` without ONLY, and commit.")
     for fault in verify(contents, version, stages).findings:
         raise InputError(fault.where, f"{fault.kind}: {fault.finding}", fault.remedy)
     with contextlib.chdir(root), Repo(str(root)) as repository:
