@@ -17,6 +17,7 @@ MARK = re.compile(r"<!-- learning (\w+) -->")
 SENSE_NAMES = {"V": "sight", "A": "sound", "T": "touch"}
 METHODS = {"ours": "triplet and cross-entropy", "CCA": "ridge CCA on the same features", "PLS": "PLS",
            "classify, then look up": "classify, then look up"}  # fmt: skip
+TRUTH, FILE = "truth to truth", "object_file to truth"
 LIKENESSES = {"iou": "IoU", "chamfer": "Chamfer-L1", "normal_consistency": "normal consistency"}
 GRASP_SENSES = {"V": "image", "T": "both gels", "VT": "both senses, one network",
                 "majority": "the commoner outcome", "majority of the object": "that of the object",
@@ -160,13 +161,21 @@ def stand_in(figures: Figures) -> str:
     """Return recognition with training and test on either source, and what a detector tells apart."""
     ways = list(next(iter(figures["recognition"].values())))
     labels = [way.replace("object_file", "file").replace(" to ", " -> ") for way in ways]
-    heading = ["trained on -> tested on, %", *labels, "told apart by a detector, %"]
-    rows = [
-        [SENSE_NAMES[sense], *(f"{row[way]:.1f}" for way in ways), _interval(
-            figures["detector"][sense]["right_percent"], figures["detector"][sense]["interval_percent"], ".0f"
-        )]
-        for sense, row in figures["recognition"].items()
+    heading = [
+        "trained on -> tested on, %", *labels, "points of truth lost by training on files",
+        "told apart by a detector, %",
     ]  # fmt: skip
+    lost = figures.get("lost_on_truth", {})
+    rows = []
+    for sense, row in figures["recognition"].items():
+        told = figures["detector"][sense]
+        own = lost.get(sense, {"points": row[TRUTH] - row[FILE], "interval_points": None})
+        rows.append([
+            SENSE_NAMES[sense],
+            *(f"{row[way]:.1f}" for way in ways),
+            _interval(own["points"], own["interval_points"], ".1f"),
+            _interval(told["right_percent"], told["interval_percent"], ".0f"),
+        ])  # fmt: skip
     return _rows(heading, rows)
 
 

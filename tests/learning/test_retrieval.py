@@ -16,7 +16,7 @@ from learning.retrieval import (
     similarities,
 )
 from learning.settings import Retrieval
-from learning.stand_in import detected
+from learning.stand_in import detected, lost_on_truth
 
 ASKED = Retrieval(dimensions=8, epochs=15, margin=0.2)
 
@@ -122,3 +122,19 @@ def test_a_detector_that_sees_no_difference_is_right_half_of_the_time():
     logs = np.random.default_rng(0).normal(size=100).astype(np.float32)
     assert (detected(np.concatenate([logs, logs])) == 0.5).all()
     assert (detected(np.concatenate([logs + 1, logs])) == 1.0).all()
+
+
+def test_points_lost_are_those_of_the_same_queries():
+    labels = np.repeat(np.arange(4), 10)
+    right = -np.abs(np.arange(4) - labels[:, None]).astype(np.float32)
+    wrong = np.roll(right, 1, axis=1)
+    arrays = {}
+    # Of 10 tests of each object, so many are named by the network that was trained on truth alone.
+    for source, lost in (("truth", [0, 0, 0, 0]), ("object_file", [1, 2, 3, 6])):
+        logs = np.where((np.arange(40) % 10 < np.repeat(lost, 10))[:, None], wrong, right)
+        parts = {"features": right, "logs": logs, "labels": labels}
+        arrays |= {f"{source}/truth/test/{name}": values for name, values in parts.items()}
+    answer = lost_on_truth([arrays, arrays])
+    assert answer["points"] == pytest.approx(30)
+    low, high = answer["interval_points"]
+    assert 10 <= low < 30 < high <= 60
