@@ -14,6 +14,7 @@ KNOWN_EXAMPLE := --overwrite --size default --source "ObjectFolder Factory start
 	--attribution "ObjectFolder Factory contributors" --output objectfolder/examples
 EXAMPLE := --params $(EXAMPLE_PARAMETERS) $(KNOWN_EXAMPLE)
 
+GALLERY := .objectfolder/gallery
 COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-annotate --python-version 3.11
 
 .DEFAULT_GOAL := help
@@ -87,8 +88,13 @@ lint: $(VENV)/.installed-test ## Check style, types and imports
 	mypy
 	lint-imports --no-logo
 
-docs: $(VENV)/.installed-docs ## Build these pages as a site that opens from disk: site/index.html
+docs: $(VENV)/.installed-docs $(GALLERY)/index.html ## Build these pages as a site that opens from disk: site/index.html
 	mkdocs build --strict --clean --quiet
+
+# Of the data set where it is made, else of the package's own objects.
+$(GALLERY)/index.html: $(or $(wildcard data/object_files/*.safetensors),$(wildcard objectfolder/examples/*.safetensors)) \
+		| $(VENV)/.installed-docs
+	objectfolder gallery $^ --overwrite -o $(GALLERY)
 
 stages: $(STAMP) ## Write into dvc.yaml what the stages declare
 	python -m pipeline.cli.declare
