@@ -57,6 +57,7 @@ def test_drag_keys_zoom_and_lamp_change_the_image(player):
 
     def changed(act):
         act()
+        page.wait_for_function(f"document.querySelector('.player-image').width == {len(images[0])}")
         images.append(pixels(page))
         assert (images[-1] != images[-2]).any()
 
@@ -72,6 +73,22 @@ def test_drag_keys_zoom_and_lamp_change_the_image(player):
     changed(lambda: page.get_by_label("Lamp, up").fill("80"))
     page.get_by_label("View as at first").click()
     assert (pixels(page) == images[0]).all(), "in the studio again"
+
+
+def test_a_slow_page_draws_coarser_views_while_something_moves(player):
+    def sides(took):
+        return evaluated(
+            player.page,
+            "(() => { const { drawing } = panel.object; drawing.share = 1;"
+            f"{took}.forEach((ms) => drawing.keepUp(ms));"
+            "return [true, false].map((moving) => drawing.draw(panel.orbit, moving)); })()",
+        )
+
+    full = len(pixels(player.page))
+    assert sides([20]) == [full, full]
+    assert sides([100]) == [pytest.approx(full / 2, abs=1), full]
+    assert sides([100, 100, 100]) == [pytest.approx(full / 4, abs=1), full]
+    assert sides([100, 1]) == [full, full]
 
 
 def test_the_studio_shows_all_sides_and_one_lamp_one(player):

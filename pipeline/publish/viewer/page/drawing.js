@@ -16,6 +16,8 @@
   };
   const [MOST_LAMPS, NEARLY_WHITE, DISPLAY_GAMMA] = [4, 250, 2.2];
   const WIDTH = 2048; // of the texture of colours
+  // While something moves, views that take longer are drawn half as fine, and those that take less twice.
+  const [SLOW_MS, FAST_MS, COARSEST] = [40, 8, 0.25];
   const [RADIUS, SKY, LEVEL, SHARE] = [3, 0.2, 0.79, 0.95];
   // Radiance = scale * (power * cos / d^2 of each lamp + sky) * colour; no shadows.
   const FRAGMENT = `#version 300 es
@@ -93,6 +95,7 @@
       if (!gl) throw new Error("This browser has no WebGL 2, which draws the surface.");
       this.canvas = canvas;
       this.gl = gl;
+      this.share = 1; // of the side of a view at rest
       this.frame = header.frame;
       this.scale = header.radiance_scale;
       this.bright = Math.max(brightest(colours), 1e-3);
@@ -112,9 +115,11 @@
       gl.clearColor(1, 1, 1, 1);
     }
 
-    draw(orbit) {
+    draw(orbit, moving = false) {
       const gl = this.gl;
-      const side = Math.round(Math.min(1024, Math.max(128, this.canvas.clientWidth * (window.devicePixelRatio || 1))));
+      const start = performance.now();
+      const whole = Math.min(1024, Math.max(128, this.canvas.clientWidth * (window.devicePixelRatio || 1)));
+      const side = Math.round(whole * (moving ? this.share : 1));
       if (this.canvas.width !== side) [this.canvas.width, this.canvas.height] = [side, side];
       gl.viewport(0, 0, side, side);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
@@ -135,9 +140,20 @@
       gl.drawArrays(gl.TRIANGLES, 0, this.count);
       if (!one && !this.factors[orbit.studio]) {
         this.factors[orbit.studio] = (this.wanted[orbit.studio] / this._level(side)) ** DISPLAY_GAMMA;
-        return this.draw(orbit);
+        return this.draw(orbit, moving);
+      }
+      if (moving) {
+        // A read waits for the drawing, so that views do not queue behind the finger.
+        gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+        this.keepUp(performance.now() - start);
       }
       return side;
+    }
+
+    // Chooses how fine the next view is that moves, by the milliseconds that one took.
+    keepUp(took) {
+      if (took > SLOW_MS) this.share = Math.max(COARSEST, this.share / 2);
+      else if (took < FAST_MS) this.share = Math.min(1, 2 * this.share);
     }
 
     // The mean level, 0 to 1 as displayed, of what is drawn and not white.

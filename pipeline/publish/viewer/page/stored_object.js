@@ -55,8 +55,8 @@
       this.drawing = new viewer.Drawing(canvas, this.surface, this.arrays, this.header);
     }
 
-    draw(orbit, _moving, shown) {
-      shown({ resolution: this.drawing.draw(orbit) });
+    draw(orbit, moving, shown) {
+      shown({ resolution: this.drawing.draw(orbit, moving) });
     }
 
     async strike(orbit, x, y, { impulse, along, duration, sampleRate }) {
