@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from objectfolder.forks import hold_forks
 from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.matt_body import MattBody
@@ -120,6 +121,7 @@ class LiveSight:
             finite_pose(simulation, name)
 
     @renamed_keywords(field_of_view="field_of_view_deg")
+    @hold_forks
     def image(
         self, camera_to_world: Floats, resolution: int | tuple[int, int] = 256,
         field_of_view_deg: float = FIELD_OF_VIEW_DEG, sub_rays: int | None = 4,

@@ -12,6 +12,7 @@ from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import LEAST_RESTITUTION, HertzContact
 from objectfolder.audio.synthesis.roughness import LENGTH_M, RoughProfile
 from objectfolder.errors import QueryError
+from objectfolder.forks import hold_forks
 from objectfolder.live.contacts import Simulation, Touching, finite_pose
 from objectfolder.live.culling import Culling
 from objectfolder.live.heard_body import HeardBody, Matter
@@ -138,6 +139,7 @@ class LiveSound:
         self.culling = Culling([body.stream for body in self._bodies.values()]) if audible_only else None
         self.impacts: list[Impact] = []
 
+    @hold_forks
     def block(self) -> Floats:
         """Run the simulation for a block, and return the sound pressure (samples,) in pascals meanwhile.
 

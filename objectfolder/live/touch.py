@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.forks import hold_forks
 from objectfolder.live.contacts import Simulation, Touching, finite_pose
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.object_file.shared_sensor import shared_sensor
@@ -259,6 +260,7 @@ class LiveTouch:
             for name, finger in self._fingers.items()
         }
 
+    @hold_forks
     def feel(self) -> dict[str, Felt]:
         """Return what each finger feels now.
 

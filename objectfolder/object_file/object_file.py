@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.errors import FormatError
+from objectfolder.forks import hold_forks
 from objectfolder.object_file.html import notebook_card
 from objectfolder.products.stored_values import (
     check_body,
@@ -251,6 +252,7 @@ class ObjectFile:
         return cls(surface, frame, vision, modes, touch, description, tensors)
 
     @classmethod
+    @hold_forks
     def load(cls, path: Path | str) -> "ObjectFile":
         """Open an Object File.
 
@@ -375,6 +377,7 @@ class ObjectFile:
             parts[part] = parts.get(part, 0) + tensor.nbytes
         return parts
 
+    @hold_forks
     def project(self, points: ArrayLike, *, name: str = "points") -> ClosestPoints:
         """Bring contacts onto the surface.
 

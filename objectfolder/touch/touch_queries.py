@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.forks import hold_forks
 from objectfolder.query_values import LARGEST_SEED, MOST_SAMPLED, whole
 from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.contact_surface import ContactSurface
@@ -87,6 +88,7 @@ class TouchQueries:
 
     @renamed_keywords(**UNITS)
     @_of_net
+    @hold_forks
     def press(
         self,
         points: ArrayLike,
@@ -150,6 +152,7 @@ class TouchQueries:
 
     @renamed_keywords(**UNITS)
     @_of_net
+    @hold_forks
     def reach(
         self,
         points: ArrayLike,
@@ -186,6 +189,7 @@ class TouchQueries:
         return self.net.reach(self.contacts.project(points).points, press, rolls)
 
     @renamed_keywords(count="n")
+    @hold_forks
     def sample_contacts(
         self, n: int = 1, seed: int = 0, *, reachable: bool = True
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

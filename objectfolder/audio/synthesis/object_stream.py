@@ -15,6 +15,7 @@ from objectfolder.audio.synthesis.sources import Motion, Source, along
 from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, named_striker
 from objectfolder.audio.synthesis.voices import Voices
 from objectfolder.errors import QueryError
+from objectfolder.forks import hold_forks
 from objectfolder.query_values import point_rows, real
 from objectfolder.surface.surface import ClosestPoints
 
@@ -79,6 +80,7 @@ class ObjectStream:
         return all(channel.voices.silent for channel in self._channels)
 
     @earlier_forces("force", "impulse_n_s", "force_n", 2)
+    @hold_forks
     def strike(
         self,
         point: ArrayLike | ClosestPoints,

@@ -26,6 +26,7 @@ from objectfolder.audio.synthesis.struck_body import (
 )
 from objectfolder.audio.synthesis.support import Support, named_support
 from objectfolder.errors import QueryError
+from objectfolder.forks import hold_forks
 from objectfolder.query_values import point_rows, real, real_array, require_room, whole
 from objectfolder.renaming import formerly_positional, renamed_keywords
 from objectfolder.signatures import same_arguments
@@ -61,6 +62,7 @@ class SoundQueries:
     @renamed_keywords(duration="duration_s", sample_rate="sample_rate_hz")
     @formerly_positional
     @earlier_forces("forces", "impulses_n_s", "forces_n", 3, stacklevel=4)
+    @hold_forks
     def strike(
         self,
         points: ArrayLike,
@@ -174,10 +176,11 @@ class SoundQueries:
         100
         """
         _, single, parts = self._struck(*arguments, **keywords)
-        for rows, part, _ in parts:
+        for rows, part, _ in iter(hold_forks(lambda: next(parts, None)), None):
             yield rows, part[:, 0] if single else part
 
     @renamed_keywords(impulses="impulses_n_s", times="times_s")
+    @hold_forks
     def rms_velocity(
         self, points: ArrayLike, impulses_n_s: ArrayLike, times_s: ArrayLike, modes: int | None = None
     ) -> NDArray[np.float64]:
@@ -214,6 +217,7 @@ class SoundQueries:
         return body.rms_velocity(contacts, pushes, seconds)
 
     @renamed_keywords(impulses="impulses_n_s")
+    @hold_forks
     def mode_velocities(
         self, points: ArrayLike, impulses_n_s: ArrayLike, modes: int | None = None
     ) -> NDArray[np.float64]:
@@ -245,6 +249,7 @@ class SoundQueries:
         return places.points, pushes
 
     @renamed_keywords(sample_rate="sample_rate_hz")
+    @hold_forks
     def stream(
         self,
         sample_rate_hz: float = 44100,
@@ -275,6 +280,7 @@ class SoundQueries:
         rate_hz = real("sample_rate_hz", sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
         return ObjectStream(self._struck_body(None, support), self._pushes, rate_hz, places, ears)
 
+    @hold_forks
     def _struck(
         self, points: ArrayLike, impulses_n_s: ArrayLike | None = None, duration_s: float = 2.0,
         sample_rate_hz: float = 44100, *, modes: int | None = None, forces_n: ArrayLike | None = None,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.errors import QueryError
+from objectfolder.forks import hold_forks
 from objectfolder.query_values import MOST_SAMPLED, generator, point_rows, real, whole
 from objectfolder.renaming import renamed_keywords
 from objectfolder.signatures import same_arguments
@@ -145,6 +146,7 @@ class SightQueries:
         image: NDArray[np.float32] = self.render_passes(passes=("linear",), **named, **keywords)["linear"]
         return image
 
+    @hold_forks
     def render_passes(
         self,
         camera_to_object: ArrayLike,
@@ -218,6 +220,7 @@ class SightQueries:
         return {name: drawn[name] for name in chosen}
 
     @earlier_lights("origins", "directions", "lights")
+    @hold_forks
     def radiance(
         self, origins: ArrayLike, directions: ArrayLike, lights: ArrayLike | Lamps
     ) -> NDArray[np.float32]:
@@ -258,6 +261,7 @@ class SightQueries:
         return radiance
 
     @renamed_keywords(count="n")
+    @hold_forks
     def sample_views(
         self, n: int = 1, seed: int = 0, camera_radius: float = CAMERA_RADIUS, *, lit: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -283,6 +287,7 @@ class SightQueries:
             lights[behind] = -lights[behind]
         return self.frame.camera_to_object(cameras), self.frame.to_object(lights)
 
+    @hold_forks
     def pictures(
         self,
         cameras: int | ArrayLike,
