@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from objectfolder.errors import InputError
 from pipeline.audit.cloning import clone
@@ -20,7 +21,8 @@ from pipeline.dataset.site_cache import note_site_cache, use_own_site_cache
 
 PLACE = frozenset({"url", "endpointurl", "oss_endpoint", "account_name", "region"})  # in the words of DVC
 TAKEN = PLACE | {"allow_anonymous_login"}
-SETTINGS, OWN_SETTINGS = ".dvc/config", ".dvc/config.local"
+FOLDER, SETTINGS, OWN_SETTINGS = ".dvc", ".dvc/config", ".dvc/config.local"
+MOST_HOPS = 10  # from a remote to the one that has an address
 DEFAULT_BRANCH = "refs/remotes/origin/HEAD"  # of a clone
 # Git's own words for: fail where a name or a password would be asked for.
 UNASKED = {"GIT_TERMINAL_PROMPT": "0", "GIT_ASKPASS": "false"}
@@ -99,10 +101,8 @@ def _check_settings(root: Path, revision: str | None) -> None:
     from dvc.fs import GitFileSystem
     from dvc.scm import SCM
 
-    if root / OWN_SETTINGS in tracked_files(root):  # they are its author's, then
-        finding = "is under version control, but is for a user's own settings"
-        raise InputError(OWN_SETTINGS, finding, f"Ask its author, or `git rm --cached {OWN_SETTINGS}`.")
-    own = str(root / ".dvc")
+    _check_tracked(root)
+    own = str(root / FOLDER)
     versions: list[Config] = [Config(own, validate=False)]
     if revision:
         files = GitFileSystem(scm=SCM(str(root)), rev=revision)
@@ -111,8 +111,9 @@ def _check_settings(root: Path, revision: str | None) -> None:
         everywhere: dict[str, Any] = {}
         for level in settings.SYSTEM_LEVELS:
             merge(everywhere, settings.load_one(level))
-        local_settings = settings.load_one("local")
-        for name, options in _remotes(settings.load_one("repo")).items():
+        local_settings, of_author = settings.load_one("local"), _remotes(settings.load_one("repo"))
+        _check_chains(_remotes(everywhere) | of_author | _remotes(local_settings))
+        for name, options in of_author.items():
             of_user, local = _remotes(everywhere).get(name, {}), _remotes(local_settings).get(name, {})
             for key in sorted(options.keys() - local.keys()):
                 if key not in TAKEN:
@@ -122,6 +123,30 @@ def _check_settings(root: Path, revision: str | None) -> None:
                 if key in PLACE and of_user and of_user.get(key) != options[key]:
                     finding = f"remote {name!r} sets another {key} than your settings for all repositories"
                     raise InputError(SETTINGS, finding, f"Give your own {name!r} another name.")
+
+
+def _check_tracked(root: Path) -> None:
+    """Raise InputError where what DVC takes for a user's own is under version control, hence its author's."""
+    for path in sorted(str(path.relative_to(root)) for path in tracked_files(root)):
+        # By any case of letters, as some file systems read names.
+        if path.lower() == OWN_SETTINGS:
+            finding = "is under version control, but is for a user's own settings"
+            raise InputError(path, finding, f"Ask its author, or `git rm --cached {path}`.")
+        inside = path.lower().startswith(f"{FOLDER}/") and (root / path).is_symlink()
+        if path.lower() == FOLDER or inside:  # git tracks a folder itself where it is a link or a submodule
+            finding = "is a link or a repository of its own, through which DVC reads and writes elsewhere"
+            raise InputError(path, finding, "Ask its author for a repository without it.")
+
+
+def _check_chains(remotes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise InputError where a remote lies in another (``remote://NAME/folder``) without end."""
+    for name in remotes:
+        remote, hops = name, 0
+        while (place := urlsplit(str(remotes.get(remote, {}).get("url")))).scheme == "remote":
+            remote, hops = place.netloc, hops + 1
+            if hops > MOST_HOPS:
+                finding = f"remote {name!r} lies in others, more than {MOST_HOPS} deep or in itself"
+                raise InputError(SETTINGS, finding, "Give it an address of its own.")
 
 
 def _remotes(settings: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

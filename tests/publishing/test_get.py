@@ -323,6 +323,32 @@ def test_own_settings_under_version_control_are_refused(made, tmp_path, capsys):
         assert ".dvc/config.local: is under version control" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("link", [".dvc", ".dvc/tmp"])
+def test_links_in_place_of_the_folder_of_settings_are_refused(made, tmp_path, capsys, link):
+    """DVC would read the author's ``config.local`` as the user's own, or write where a link leads."""
+    work = clone_with(made, tmp_path, "[core]\n    analytics = false\n")
+    place = work / link
+    if place.exists():
+        place.rename(work / "elsewhere")
+    place.symlink_to(os.path.relpath(work / "elsewhere", place.parent))
+    (work / "elsewhere").mkdir(exist_ok=True)
+    (work / "elsewhere/config.local").write_text("['remote \"store\"']\n    profile = lab\n")
+    command(work, "git", "add", "-A", "-f")
+    command(work, "git", "commit", "-qm", "link")
+    for arguments in (["get", str(work), "--list"], ["history", "mug", "--root", str(work)]):
+        assert main(arguments) == 1
+        assert f"objectfolder: {link}: is a link" in capsys.readouterr().err
+
+
+def test_a_remote_that_lies_in_itself_is_refused(made, tmp_path, capsys):
+    settings = (
+        "[core]\n    remote = x\n['remote \"x\"']\n    url = remote://y/a\n"
+        "['remote \"y\"']\n    url = remote://x/b\n"
+    )
+    assert main(["get", str(clone_with(made, tmp_path, settings)), "--list"]) == 1
+    assert "remote 'x' lies in others, more than 10 deep or in itself" in capsys.readouterr().err
+
+
 def test_a_remote_of_the_users_own_is_not_sent_elsewhere(made, tmp_path, capsys, monkeypatch):
     """Its password would go to an address that a repository names."""
     monkeypatch.setenv("DVC_GLOBAL_CONFIG_DIR", str(tmp_path))
