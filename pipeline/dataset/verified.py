@@ -8,6 +8,7 @@ files themselves.
 import contextlib
 import errno
 import functools
+import gc
 import operator
 import os
 import time
@@ -228,9 +229,13 @@ def _code_path(root: Path) -> Path:
 
 def _read(path: Path, kind: type[Kind]) -> Kind:
     """Return the content of a file that may be lost at any time: empty where it is not of this kind."""
-    with contextlib.suppress(OSError, ValueError):
+    gc.disable()  # no entry is in a cycle, and the collector would go through all of them again and again
+    try:
         return TypeAdapter(kind).validate_json(read_regular(path))
-    return kind()
+    except (OSError, ValueError):
+        return kind()
+    finally:
+        gc.enable()
 
 
 def _write(path: Path, content: object) -> None:
