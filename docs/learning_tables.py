@@ -48,6 +48,7 @@ def _setting(task: str, made_with: Figures, path: Path) -> str:
     drawn = {
         "grasping": f"{settings['grasping']['grasps']} grasps of each",
         "regrasping": f"{settings['regrasping']['rollouts']} rollouts",
+        "stand_in": f"at most {samples} of those that each stores for training",
         "reconstruction": f"{settings['reconstruction']['steps']:,} steps, {samples} of each for training",
     }.get(task, f"{samples} of each for training")
     return f"{count} objects, {drawn}, seeds {', '.join(map(str, seeds))}. {_recorded(path)}"
