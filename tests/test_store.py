@@ -71,6 +71,17 @@ def test_a_truncated_product_is_refused_by_name(
             read(path)
 
 
+def test_an_archive_without_a_group_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "mug.zarr.zip"
+    write_product(path, _product())
+    path.write_bytes(path.read_bytes() + b"PK\5\6" + bytes(18))  # the end of an empty archive
+    for read in (read_product, read_attributes):
+        with pytest.raises(FormatError, match=r"mug\.zarr\.zip"):
+            read(path)
+        with pytest.raises(FileNotFoundError):
+            read(tmp_path / "other.zarr.zip")
+
+
 @pytest.mark.parametrize(
     ("shape", "chunks", "fill"),
     [([10**15, 4], [3, 4], 0.0), ([3.0, 4], [3, 4], 0.0), ([3, 4], [0, 0], 0.0), ([3, 4], [3, 4], "none")],

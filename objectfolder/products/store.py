@@ -120,9 +120,9 @@ def _open(path: Path) -> Any:
     try:
         require_regular(path)
         return zarr.open_group(zarr.storage.ZipStore(path, mode="r"), mode="r", zarr_format=3)
-    except FileNotFoundError:
-        raise
-    except Exception as error:
+    except Exception as error:  # an archive without a group is a FileNotFoundError of Zarr's, too
+        if not path.exists():
+            raise
         raise FormatError(
             str(path),
             f"not a readable product ({type(error).__name__}: {error})",

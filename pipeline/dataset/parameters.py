@@ -81,7 +81,9 @@ class ObjectsParameters:
         Field(description="table of objects, a path from the root of the data set"),
     ]
     meshes: Annotated[
-        str, Field(description="folder of their meshes and textures, in which DVC looks for changes")
+        str,
+        AfterValidator(lambda text: text and _path(text)),
+        Field(description="folder of their meshes and textures, in which DVC looks for changes"),
     ] = ""
 
 

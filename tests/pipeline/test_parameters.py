@@ -58,6 +58,7 @@ def test_both_sizes_are_whole(tmp_path):
         ("objects:\n", "objects: [only]\nobject:\n", "unknown key object. Did you mean objects?"),
         ("table: data/starter.csv", 'table: "a\\0"', "objects.table is 'a\\x00'. It must be a path."),
         ("table: data/starter.csv", 'table: ""', "objects.table is ''. It must be a path."),
+        ("meshes: data/starter", 'meshes: "a\\0"', "objects.meshes is 'a\\x00'. It must be a path."),
     ],
 )  # fmt: skip
 def test_mistakes_are_named(tmp_path, old, new, message):
