@@ -56,7 +56,7 @@ def is_folder(md5: str) -> bool:
 
 
 def read_lock(where: str, text: bytes) -> Lock:
-    """Read the text of a ``dvc.lock``.
+    """Read the text of a ``dvc.lock``, or of a file of ``dvc add``, whose paths are from its own folder.
 
     Raises
     ------
@@ -68,6 +68,8 @@ def read_lock(where: str, text: bytes) -> Lock:
         loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
         content = loader(text).get_single_data()
         stages = content.get("stages", {}) if "schema" in content else content
+        if isinstance(content.get("outs"), list):
+            stages = {"": content}
         outs: dict[str, str] = {}
         parameters: dict[str, dict[str, Any]] = {}
         paths: set[str] = set()

@@ -340,6 +340,16 @@ def test_links_in_place_of_the_folder_of_settings_are_refused(made, tmp_path, ca
         assert f"objectfolder: {link}: is a link" in capsys.readouterr().err
 
 
+def test_imports_of_a_foreign_repository_are_not_read(made, tmp_path):
+    """DVC would read the settings that an import names: of a named pipe it would wait for them."""
+    os.mkfifo(tmp_path / "settings")
+    an_import = {"path": "x", "repo": {"url": "x", "config": str(tmp_path / "settings")}}
+    text = yaml.safe_dump({"deps": [an_import], "outs": [{"path": "x"}]})
+    work = clone_with(made, tmp_path, text, "data/x.dvc")
+    [got] = get(str(work), ["mug"], tmp_path / "got", remote="store")
+    assert got.outcome == "fetched"
+
+
 def test_a_remote_that_lies_in_itself_is_refused(made, tmp_path, capsys):
     settings = (
         "[core]\n    remote = x\n['remote \"x\"']\n    url = remote://y/a\n"

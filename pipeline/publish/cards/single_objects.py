@@ -17,6 +17,7 @@ from typing import Any
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.opening import opened_clone, opened_folder
 from pipeline.audit.stores import Stores
+from pipeline.dataset.lock_file import LOCK, is_folder, read_lock
 from pipeline.dataset.products import ProductKind, md5_of, verify
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import COLLISION, FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
@@ -24,6 +25,7 @@ from pipeline.dataset.stages import COLLISION, FIDELITY, MODES, OBJECT_FILES, OB
 KINDS = {kind.name: kind for kind in (OBJECT_FILES, OBJECTS, VIEWS, MODES, TOUCHES, COLLISION, FIDELITY)}
 KEPT, FETCHED, FAILED = "already there", "fetched", "failed"
 SCP_FORM = re.compile(r"[^/@]+@[^/:]+:")
+MOST_LOCK_BYTES = 4 << 20
 NOT_PUSHED = "Ask its publisher to `dvc push` this revision."
 
 
@@ -151,23 +153,14 @@ class PublishedRevision:
         Raises
         ------
         InputError
-            A revision without this kind of product, or whose ``dvc.yaml`` cannot be read.
+            A revision without this kind of product.
         NotHere
             No store gives the list of them.
         FormatError
-            A list that is none.
+            A list that is none, or a ``dvc.lock``.
         """
-        from dvc.exceptions import DvcException
-
-        root, fs = self._repository.root_dir, self._repository.fs
-        try:
-            outs = {fs.relpath(out.fs_path, root): out.hash_info for out in self._repository.index.outs}
-        except DvcException as error:
-            raise InputError(
-                self.name, f"its stages cannot be read ({error})", "Ask its publisher."
-            ) from error
-        digest = outs[kind.folder].value if outs.get(kind.folder) else None
-        if not digest or not digest.endswith(".dir"):
+        digest = self._recorded(kind.folder)
+        if not is_folder(digest):
             remedy = "Give a revision that has the data set made and committed."
             raise InputError(self.name, f"this revision has no {kind.folder}", remedy)
         files = self.stores.folder(digest, f"{self.name}, {kind.folder}")
@@ -175,6 +168,25 @@ class PublishedRevision:
         digests = {name.removesuffix(kind.suffix): files[name] for name in products}
         # The list is not trusted: a name in it must not lead out of a folder.
         return {object_id: md5 for object_id, md5 in digests.items() if SAFE_ID.fullmatch(object_id)}
+
+    def _recorded(self, folder: str) -> str:
+        """Return the MD5 of a folder by the file of ``dvc add`` beside it or by ``dvc.lock``; else nothing.
+
+        DVC's own index would read all stages, and the files that imports among them name, such as a device.
+        """
+        fs, root = self._repository.fs, self._repository.root_dir
+        for name, path in ((f"{folder}.dvc", Path(folder).name), (LOCK, folder)):
+            file = fs.join(root, *name.split("/"))
+            if not fs.isfile(file):
+                continue
+            with fs.open(file, "rb") as stream:
+                text = stream.read(MOST_LOCK_BYTES + 1)
+            if len(text) > MOST_LOCK_BYTES:
+                raise FormatError(f"{self.name}, {name}", f"larger than {MOST_LOCK_BYTES} bytes", NOT_PUSHED)
+            md5 = read_lock(f"{self.name}, {name}", text).outs.get(path)
+            if md5:
+                return md5
+        return ""
 
     def chosen(self, kind: ProductKind, object_ids: Sequence[str]) -> dict[str, str]:
         """Return `products` of these objects, or of all if none is named.
