@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from objectfolder.errors import FormatError
 from pipeline.intake.disk import writing
@@ -30,6 +30,8 @@ DAMAGE = (
     zipfile.BadZipFile, tarfile.TarError, zlib.error, gzip.BadGzipFile, struct.error, EOFError, LookupError,
     TypeError, ValueError, AttributeError, RuntimeError, OverflowError,
 )  # fmt: skip
+# Python before 3.11.4 has no filters. What is extracted is a plain file or folder whose name was checked.
+TAR_FILTER: dict[str, Any] = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Devices of Windows, and what git obeys.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[1-9]|lpt[1-9])(\..*)?|\.git.*|git~\d+", re.IGNORECASE)
@@ -193,7 +195,8 @@ def _zip_members(file: _Bounded, archive: zipfile.ZipFile) -> Iterator[_Member]:
 
 def _tar_members(file: _Bounded) -> Iterator[_Member]:
     def extract(entry: tarfile.TarInfo, path: str, folder: Path) -> None:
-        archive.extract(entry.replace(name=path, deep=False), folder, set_attrs=False, filter="data")
+        entry.name = path
+        archive.extract(entry, folder, set_attrs=False, **TAR_FILTER)
 
     with tarfile.open(fileobj=file, mode="r:") as archive:
         while (entry := archive.next()) is not None:
