@@ -41,8 +41,8 @@ def table(task: str, results: Path = RESULTS) -> str:
 
 def _setting(task: str, made_with: Figures, path: Path) -> str:
     settings, count = made_with["settings"], len(made_with["objects"])
-    own = settings.get(task, {})
-    seeds = own.get("seeds", settings["seeds"])
+    task_settings = settings.get(task, {})
+    seeds = task_settings.get("seeds", settings["seeds"])
     training = settings["data"]["training"]
     samples = f"{training['vision']} images, {training['audio']} strikes and {training['touch']} touches"
     drawn = {
@@ -119,9 +119,10 @@ def retrieval(figures: Figures) -> str:
         heading = [f"{case} objects, mAP with one positive, chance {chance:.2f}", *directions]
         rows = []
         for method, label in METHODS.items():
-            own = [row[method] for row in directions.values()]
+            figures_of_method = [row[method] for row in directions.values()]
             single = [
-                _interval(row["map_one_positive"], row.get("map_one_positive_interval"), ".2f") for row in own
+                _interval(row["map_one_positive"], row.get("map_one_positive_interval"), ".2f")
+                for row in figures_of_method
             ]
             rows.append([label, *single])
         ahead = [row["CCA"] for row in directions.values()]
@@ -169,13 +170,13 @@ def stand_in(figures: Figures) -> str:
     lost = figures.get("lost_on_truth", {})
     rows = []
     for sense, row in figures["recognition"].items():
-        told = figures["detector"][sense]
-        own = lost.get(sense, {"points": row[TRUTH] - row[FILE], "interval_points": None})
+        detector = figures["detector"][sense]
+        loss = lost.get(sense, {"points": row[TRUTH] - row[FILE], "interval_points": None})
         rows.append([
             SENSE_NAMES[sense],
             *(f"{row[way]:.1f}" for way in ways),
-            _interval(own["points"], own["interval_points"], ".1f"),
-            _interval(told["right_percent"], told["interval_percent"], ".0f"),
+            _interval(loss["points"], loss["interval_points"], ".1f"),
+            _interval(detector["right_percent"], detector["interval_percent"], ".0f"),
         ])  # fmt: skip
     return _rows(heading, rows)
 

@@ -46,12 +46,12 @@ class FreeModes:
         space, _ = space_on(solid, 5, length, bend=True)
         below = (2 * np.pi * LIMIT_HZ / radians_per_s) ** 2
         goal = Goal(below, ACCURACY_CENTS, MOST_MODES, MOST_UNKNOWNS, 0)
-        found = adapt_spectrum(space, solid.component, material.poisson_ratio, goal)
-        frequencies = np.sqrt(found.eta_squared) * radians_per_s / (2 * np.pi)
-        boundary = Boundary(solid, found.space, length)
+        solution = adapt_spectrum(space, solid.component, material.poisson_ratio, goal)
+        frequencies = np.sqrt(solution.eta_squared) * radians_per_s / (2 * np.pi)
+        boundary = Boundary(solid, solution.space, length)
         places = boundary.surface.sample(SIGNED_AT, 0)
-        shapes = boundary.at(found.vectors, places.face, places.barycentric)
-        turned = found.vectors @ canonical_rotation(found.eta_squared, shapes, places.points)
+        shapes = boundary.at(solution.vectors, places.face, places.barycentric)
+        turned = solution.vectors @ canonical_rotation(solution.eta_squared, shapes, places.points)
         return cls(boundary, turned, frequencies, length)
 
     def normal_velocity(self, mesh: Surface, modes: list[int]) -> Floats:

@@ -111,8 +111,8 @@ class Version:
         if FAILURES.as_posix() not in self.texts or any(folder.problem for folder in self.folders.values()):
             return frozenset()
         failed = {object_id for _, object_id in self.reported}
-        made = {object_id for folder in self.folders.values() for object_id in folder.products}
-        return frozenset(self.rows) - failed - made
+        with_products = {object_id for folder in self.folders.values() for object_id in folder.products}
+        return frozenset(self.rows) - failed - with_products
 
     def content(self, kind: ProductKind, object_id: str) -> Content | None:
         """Return the content of a product; None for an absent one."""

@@ -20,8 +20,8 @@ def is_recorded(root: Path, stage: str) -> bool:
     """
     try:
         with open(root / "data" / "products.csv", encoding="utf-8", newline="") as file:
-            own = (line for number, line in enumerate(file) if not number or f",{stage}," in line)
-            listed = {line["path"]: line["md5"] for line in csv.DictReader(own) if line["stage"] == stage}
+            lines = (line for number, line in enumerate(file) if not number or f",{stage}," in line)
+            listed = {line["path"]: line["md5"] for line in csv.DictReader(lines) if line["stage"] == stage}
         known = json.loads((root / ".objectfolder" / "verified.json").read_bytes())["products"]
         listed.pop("", None)  # failures
         present = {

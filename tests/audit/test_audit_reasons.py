@@ -290,8 +290,8 @@ def test_object_that_was_not_selected_did_not_fail(workshop):
     for kind in (kind for stage in workshop.stages for kind in stage.products):
         kind.path(workshop.root, "cup").unlink()
     partial = workshop.version("without the cup", make=False)
-    found = workshop.audit(workshop.first, partial)
-    assert states(found) == {"cup": State.NOT_MADE, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
+    audit = workshop.audit(workshop.first, partial)
+    assert states(audit) == {"cup": State.NOT_MADE, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
     assert only(workshop.audit(partial, workshop.version("with it")), "cup").state == State.ADDED
 
 

@@ -129,7 +129,7 @@ def test_points_lost_are_those_of_the_same_queries():
     right = -np.abs(np.arange(4) - labels[:, None]).astype(np.float32)
     wrong = np.roll(right, 1, axis=1)
     arrays = {}
-    # Of 10 tests of each object, so many are named by the network that was trained on truth alone.
+    # Tests of 10 of each object that only the network trained on truth names rightly.
     for source, lost in (("truth", [0, 0, 0, 0]), ("object_file", [1, 2, 3, 6])):
         logs = np.where((np.arange(40) % 10 < np.repeat(lost, 10))[:, None], wrong, right)
         parts = {"features": right, "logs": logs, "labels": labels}
