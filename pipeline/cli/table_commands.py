@@ -154,8 +154,7 @@ def fetch(
 ) -> int:
     """Fetch objects of published collections (YCB, Google Scanned Objects, Poly Haven), checked.
 
-    A whole file is not fetched again; an interrupted download is resumed. Without --table files are where
-    data/objects.csv expects them.
+    A whole file is not fetched again. Without --table files are where data/objects.csv expects them.
 
     Parameters
     ----------

@@ -9,10 +9,8 @@ Nothing listens to the outside; waits are as short as the test asks.
 """
 
 import contextlib
-import hashlib
 import mimetypes
 import random
-import re
 import ssl
 import threading
 from collections import Counter
@@ -25,7 +23,7 @@ from urllib.parse import unquote, urlsplit
 
 from tests.pipeline.http_faults import reset, serving
 
-STATUSES = ("403", "404", "416", "429", "500", "503")  # 429 says when to come back
+STATUSES = ("403", "404", "429", "500", "503")  # 429 says when to come back
 FAULTS = (
     *STATUSES,
     "reset",  # no answer
@@ -36,14 +34,11 @@ FAULTS = (
     "wrong",  # one byte is another
     "truncated",  # the answer is a whole one of the file's beginning
     "changed",  # the answer is of another version of the file, and says so
-    "no ranges",  # all of the file, whatever was asked for
-    "other range",  # a part, but not the one asked for
-    "empty part",  # a part as asked for, of which nothing comes
     "chunked",  # no length is told
     "moved",  # redirected to where the file is
     "loop",  # redirected without end
 )
-HARMLESS = ("slow", "no ranges", "chunked", "moved")
+HARMLESS = ("slow", "chunked", "moved")
 Plan = Callable[[str], str]  # from the path of a request to what happens to it, "" for nothing
 
 
@@ -87,15 +82,13 @@ class FileServer:
     seed
         Of where bodies are cut.
     headers
-        Added to each answer with content; an empty one leaves out what would be sent (``"ETag": ""``).
+        Added to each answer with content; an empty one leaves out what would be sent.
     retry_after
         What a 429 says.
     drip_s
         Wait between the pieces of a slow body.
     tls
         With which it speaks https.
-    heeds_if_range
-        Whether it sends all of a file of which another version is asked to be gone on from.
     """
 
     folder: Path
@@ -106,7 +99,6 @@ class FileServer:
     retry_after: str = "0"
     drip_s: float = 0.002
     tls: ssl.SSLContext | None = None
-    heeds_if_range: bool = True
     requests: list[tuple[str, str, dict[str, str]]] = field(default_factory=list)  # method, target, headers
     faults: Counter[str] = field(default_factory=Counter)
     bytes_sent: int = 0  # of bodies with content
@@ -200,29 +192,16 @@ class _Handler(BaseHTTPRequestHandler):
             content, modified = content[::-1] + b"changed", modified + 3600
         headers = {
             "Content-Type": mimetypes.guess_type(self.path)[0] or "application/octet-stream",
-            "ETag": f'"{hashlib.sha256(content).hexdigest()[:16]}"',
             "Last-Modified": formatdate(modified, usegmt=True),
-            "Accept-Ranges": "bytes",
         }
         headers = {name: value for name, value in {**headers, **self.files.headers}.items() if value}
-        status, start, stop = (
-            self.part(len(content), headers) if kind != "no ranges" else (200, 0, len(content))
-        )
-        if status == 416:
-            return self.say(416, {"Content-Range": f"bytes */{len(content)}"})
-        if kind == "other range" and start:
-            start, stop = start - 1, stop - 1
-        if status == 206:
-            headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(content)}"
-        body = content[start:stop] if kind != "empty part" or status == 200 else b""
+        body = content
         if kind == "wrong" and body:
             place = self.files.cut(len(body))
             body = body[:place] + bytes([body[place] ^ 1]) + body[place + 1 :]
         if kind == "truncated":
             body = body[: self.files.cut(len(body))]
-            if status == 206:
-                headers["Content-Range"] = f"bytes {start}-{start + len(body) - 1}/{start + len(body)}"
-        self.send_response(status)
+        self.send_response(200)
         headers |= (
             {"Transfer-Encoding": "chunked"} if kind == "chunked" else {"Content-Length": str(len(body))}
         )
@@ -232,19 +211,6 @@ class _Handler(BaseHTTPRequestHandler):
         if self.command != "HEAD":
             with contextlib.suppress(ConnectionError):  # a client may go away
                 self.send(body, kind)
-        return None
-
-    def part(self, length: int, headers: dict[str, str]) -> tuple[int, int, int]:
-        """Status, start and stop of what is asked for."""
-        match = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", "").strip())
-        condition = self.headers.get("If-Range") if self.files.heeds_if_range else None
-        current = (headers.get("ETag"), headers.get("Last-Modified"))
-        if not match or match[0] == "bytes=-" or (condition is not None and condition not in current):
-            return 200, 0, length
-        if not match[1]:
-            return 206, max(0, length - int(match[2])), length
-        start, stop = int(match[1]), min(length, int(match[2] or length) + 1)
-        return (206, start, stop) if start < length and start < stop else (416, 0, 0)
 
     def send(self, body: bytes, kind: str) -> None:
         stop = self.files.cut(len(body)) if kind in ("cut", "short", "stall") else len(body)

@@ -5,18 +5,11 @@ import random
 from pathlib import Path
 from typing import Any
 
-from tests.sources.file_server import FileServer
-
 CONTENT = random.Random(1).randbytes(300_000)
 MD5 = hashlib.md5(CONTENT).hexdigest()
 # The machine may be busy: what is to succeed has much time, and only what is to fail has little.
 AMPLE: dict[str, Any] = {"retries": 20, "timeout_s": 30.0, "backoff_s": 0.01}
 SHORT: dict[str, Any] = {"retries": 1, "timeout_s": 0.2, "backoff_s": 0.01}
-
-
-def ranges(server: FileServer) -> list[str]:
-    """What part each request asked for."""
-    return [headers.get("range", "") for _, _, headers in server.requests]
 
 
 def whole_files(cache: Path) -> list[Path]:

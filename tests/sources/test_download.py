@@ -1,4 +1,4 @@
-"""Files from a server come whole and verified, resumed where they were cut, or not at all."""
+"""Files from a server come whole and verified, or not at all."""
 
 import concurrent.futures
 import gzip
@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError
-from pipeline.intake.sources.download import CachedFile, Downloader
+from pipeline.intake.sources.download import Downloader, cached_path
 from tests.pipeline.http_faults import serving
 from tests.sources.file_server import HARMLESS, scripted
-from tests.sources.served_file import AMPLE, CONTENT, MD5, SHORT, ranges, whole_files
+from tests.sources.served_file import AMPLE, CONTENT, MD5, SHORT, whole_files
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -51,91 +51,6 @@ def test_what_passes_is_waited_for(file_server, address, cache_folder, kind):
     assert file_server.bytes_sent >= len(CONTENT)
 
 
-@pytest.mark.parametrize("kind", ["short", "stall"])
-def test_what_has_come_does_not_come_again(file_server, address, cache_folder, kind):
-    file_server.plan = scripted(*[kind] * 3)
-    timing = {**AMPLE, "timeout_s": 2.0} if kind == "stall" else AMPLE
-    Downloader(cache_folder, **timing).file(f"{address}/a.bin")
-    assert file_server.bytes_sent == len(CONTENT)
-    first, *rest = ranges(file_server)
-    assert first == ""
-    assert len(rest) == 3
-    assert all(said.startswith("bytes=") for said in rest)
-    assert {headers.get("if-range") for _, _, headers in file_server.requests[1:]} == {
-        f'"{hashlib.sha256(CONTENT).hexdigest()[:16]}"'
-    }
-
-
-@pytest.mark.parametrize(
-    ("headers", "resumes"),
-    [
-        ({"ETag": ""}, False),
-        ({"ETag": 'W/"1"'}, False),
-        ({"ETag": '"1"'}, True),
-    ],
-)
-def test_what_tells_versions_apart_decides_whether_to_go_on(
-    file_server, address, cache_folder, headers, resumes
-):
-    file_server.headers, file_server.plan = headers, scripted("short")
-    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
-    assert bool(ranges(file_server)[1]) == resumes
-    assert (file_server.bytes_sent == len(CONTENT)) == resumes
-
-
-@pytest.mark.parametrize("heeds", [True, False])
-def test_a_file_that_changes_in_between_is_the_new_one(file_server, address, cache_folder, heeds):
-    file_server.heeds_if_range = heeds
-    file_server.plan = scripted(*["short"] * 1000)
-    file_server.cut = lambda length: 70_000 if length == len(CONTENT) else 0
-    with pytest.raises(InputError, match="connection was lost"):
-        Downloader(cache_folder, **SHORT).file(f"{address}/a.bin")
-    file_server.plan = scripted()
-    new = CONTENT[::-1]
-    (file_server.folder / "a.bin").write_bytes(new)
-    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == new
-    assert ranges(file_server)[-1 if heeds else -2] == "bytes=70000-"
-
-
-def test_a_part_that_ends_too_early_does_not_pass_for_the_rest(file_server, address, cache_folder):
-    """Without a hash, the length that the server states is all that is known of the file."""
-    file_server.plan = scripted("short", "empty part", "empty part")
-    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
-
-
-def test_no_part_of_a_file_that_was_asked_for_whole_is_an_error_at_once(file_server, address, cache_folder):
-    file_server.plan = scripted("416")
-    with pytest.raises(InputError, match=r"its server has no part of it \(416\)"):
-        Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin")
-    assert len(file_server.requests) == 1
-
-
-def test_a_part_that_was_not_asked_for_is_not_used(file_server, address, cache_folder):
-    file_server.plan = scripted("short", "other range", "short", "no ranges")
-    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
-
-
-def test_a_damaged_part_is_fetched_again_from_its_beginning(file_server, address, cache_folder):
-    url = f"{address}/a.bin"
-    file_server.plan = scripted(*["short"] * 1000)
-    file_server.cut = lambda length: 70_000 if length == len(CONTENT) else 0
-    with pytest.raises(InputError):
-        Downloader(cache_folder, **SHORT).file(url, md5=MD5)
-    partial = CachedFile(cache_folder, url).partial
-    assert partial.read_bytes() == CONTENT[:70_000]
-    partial.write_bytes(bytes(70_000))
-    file_server.plan = scripted()
-    assert Downloader(cache_folder, **AMPLE).file(url, md5=MD5).read_bytes() == CONTENT
-    assert ranges(file_server)[-2:] == ["bytes=70000-", ""]
-
-
-def test_a_part_of_which_no_version_is_known_begins_again(file_server, address, cache_folder):
-    cached = CachedFile(cache_folder, f"{address}/a.bin")
-    cached.folder.mkdir(parents=True)
-    cached.partial.write_bytes(b"something")
-    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
-
-
 @pytest.mark.parametrize(
     ("kind", "expected"),
     [
@@ -154,7 +69,7 @@ def test_another_content_is_refused_by_both_values(file_server, address, cache_f
     assert f", not {value}" in refused.value.finding
     assert refused.value.remedy
     assert not whole_files(cache_folder)
-    assert not list(cache_folder.rglob(".partial*"))
+    assert not list(cache_folder.rglob(".*.partial"))
     if kind:
         assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin", **expected).read_bytes() == CONTENT
 
@@ -184,25 +99,24 @@ def test_no_more_than_allowed(file_server, address, cache_folder, kind):
     with pytest.raises(InputError, match="larger than 200000 bytes"):
         Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin", limit_bytes=200_000)
     assert not whole_files(cache_folder)
-    assert not list(cache_folder.rglob(".partial*"))
+    assert not list(cache_folder.rglob(".*.partial"))
 
 
-def test_a_server_that_sends_nothing_new_is_given_up_and_the_part_is_kept(file_server, address, cache_folder):
+def test_a_server_that_sends_nothing_new_is_given_up(file_server, address, cache_folder):
     file_server.plan = scripted(*["stall"] * 1000)
-    file_server.cut = lambda length: 100_000 if length == len(CONTENT) else 0
     with pytest.raises(InputError, match="does not answer in time") as refused:
         Downloader(cache_folder, **SHORT).file(f"{address}/a.bin")
-    assert "kept" in refused.value.remedy
+    assert refused.value.remedy
     file_server.plan = scripted()
     assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
-    assert ranges(file_server)[-1] == "bytes=100000-"
 
 
-def test_a_server_that_drips_is_given_up(file_server, address, cache_folder):
-    file_server.plan, file_server.drip_s = scripted(*["slow"] * 10), 0.1
-    (file_server.folder / "small").write_bytes(CONTENT[:800])
-    with pytest.raises(InputError, match="too slow"):
-        Downloader(cache_folder, **SHORT).file(f"{address}/small")
+def test_what_a_killed_process_left_is_removed(address, cache_folder):
+    path = cached_path(cache_folder, f"{address}/a.bin")
+    path.parent.mkdir(parents=True)
+    (path.parent / ".a.bin.x.partial").write_bytes(b"half")
+    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
+    assert not list(cache_folder.rglob(".*.partial"))
 
 
 def test_names_in_addresses_stay_in_the_cache(cache_folder, file_server, address):
@@ -222,7 +136,7 @@ def test_names_in_addresses_stay_in_the_cache(cache_folder, file_server, address
         "/%FF",
         "/\ud800",
     ):
-        name = CachedFile(cache_folder, address + target).path.name
+        name = cached_path(cache_folder, address + target).name
         assert re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}", name), (target, name)
 
 
@@ -244,7 +158,7 @@ def test_threads_and_processes_fetch_a_file_once(file_server, address, cache_fol
     assert len(file_server.requests) == 1
 
 
-def test_a_disk_that_fills_up_is_told_and_what_came_is_kept(file_server, address, cache_folder):
+def test_a_disk_that_fills_up_is_told(file_server, address, cache_folder):
     code = (
         "import resource, sys; from pathlib import Path\n"
         "from pipeline.intake.sources.download import Downloader\n"
@@ -256,10 +170,8 @@ def test_a_disk_that_fills_up_is_told_and_what_came_is_kept(file_server, address
     command = [sys.executable, "-c", code, str(cache_folder), f"{address}/a.bin"]
     said = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     assert "cannot be read or written (File too large)" in said
-    assert "kept" in said
     assert not whole_files(cache_folder)
-    assert Downloader(cache_folder, **AMPLE).file(f"{address}/a.bin").read_bytes() == CONTENT
-    assert ranges(file_server)[-1] == "bytes=100000-"
+    assert not list(cache_folder.rglob(".*.partial"))
 
 
 def test_a_cache_that_cannot_be_written_is_told(address, tmp_path):

@@ -1,6 +1,5 @@
 """Servers are asked politely, where they are told to be, and what they say is told apart."""
 
-import contextlib
 import json
 import ssl
 import time
@@ -71,43 +70,6 @@ def test_redirections_stay_in_the_web(file_server, address, cache_folder, target
     file_server.plan = scripted("moved")
     with pytest.raises(InputError, match="cannot be asked"):
         Downloader(cache_folder, **SHORT).file(f"{address}/a.bin")
-
-
-@pytest.mark.parametrize(
-    "host", ["127.0.0.1", "2130706433", "localhost", "169.254.169.254", "[::1]", "[::ffff:127.0.0.1]"]
-)
-def test_redirections_do_not_lead_inwards(file_server, address, cache_folder, host, monkeypatch):
-    """The server stands for one elsewhere: it is asked as a proxy is."""
-    monkeypatch.setattr("tests.sources.file_server.redirection", lambda path, kind: f"http://{host}/a.bin")
-    file_server.plan = scripted("moved")
-    with pytest.raises(InputError, match="this machine or reached by it alone"):
-        Downloader(cache_folder, proxies={"http": address}, **SHORT).file("http://elsewhere.invalid/a.bin")
-    assert len(file_server.requests) == 1
-
-
-def trickling(answer: bytes):
-    """A handler whose answer comes a byte at a time."""
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            with contextlib.suppress(ConnectionError):
-                for place in range(10_000):
-                    self.wfile.write(answer[place : place + 1] or b"x")
-                    time.sleep(0.01)
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    return Handler
-
-
-@pytest.mark.parametrize(
-    "answer", [b"HTTP/1.1 200 OK\r\nX: ", b"HTTP/1.1 200 OK\r\nContent-Length: 1\r\nX: "]
-)
-def test_headers_have_a_deadline(cache_folder, monkeypatch, answer):
-    monkeypatch.setattr(http_client, "HEADERS_S", 0.7)
-    with serving(trickling(answer)) as address, pytest.raises(InputError, match="does not answer in time"):
-        Downloader(cache_folder, **{**SHORT, "retries": 0, "timeout_s": 5.0}).file(f"{address}/a.bin")
 
 
 def test_a_file_has_a_deadline(file_server, address, cache_folder, monkeypatch):

@@ -33,7 +33,7 @@ class Fetching:
     proxy
         URL to ask through (default: HTTPS_PROXY and the like)
     retries
-        how often to ask a source again that sends nothing new
+        how often to ask for a file again
     refresh
         fetch again what lies there already
     accept_changed
