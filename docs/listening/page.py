@@ -28,7 +28,7 @@ from pipeline.dataset.stages import MODES, OBJECT_FILES
 from pipeline.publish.report.templates import security_policy, template_environment
 
 TEMPLATES = Path(__file__).parent / "template"
-SCRIPTS = ("theme.js", "abx.js", "listen.js")
+SCRIPTS = ("abx.js", "listen.js")
 FADE_S = 0.01
 PEAK = 0.5
 LARGEST_SEED = 999_999_999  # a page takes up to nine digits

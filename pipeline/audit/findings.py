@@ -254,7 +254,7 @@ def numbered(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
-def names(changes: Sequence[ObjectChange], most: int = 6) -> str:
+def names(changes: Sequence[ObjectChange], most: int) -> str:
     """Return ids separated by commas; ids beyond `most` are only counted."""
     ids = [
         f"{entry.was} -> {entry.object_id}" if entry.state == State.RENAMED else entry.object_id

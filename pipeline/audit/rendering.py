@@ -23,7 +23,7 @@ from pipeline.dataset.measures import BYTES, HEADLINE
 
 TEMPLATES = Path(__file__).parent / "template"
 NARROWEST, WIDEST = 72, 120
-GROUPS, FIDELITY_ROWS, FINDINGS = 40, 20, 200  # that are shown
+GROUPS, IDS, FIDELITY_ROWS, FINDINGS = 40, 6, 20, 200  # that are shown
 LEAST_WEIGHT = 0.01  # of what a person would notice
 COLUMNS = ("stage", "changed", "made", "gone", "= arrays", "~ arrays", "!= arrays", "not read", "CPU s")
 # One measure of each sense, and the size, beside the words of a history.
@@ -40,22 +40,31 @@ def as_json(content: Mapping[str, Any]) -> str:
 
 
 def audit_text(
-    audit: Audit, exceeded: Sequence[FidelityChange], allowed: Mapping[str, float], width: int
+    audit: Audit,
+    exceeded: Sequence[FidelityChange],
+    allowed: Mapping[str, float],
+    width: int,
+    *,
+    whole: bool = False,
 ) -> str:
-    """Return what an audit found, and what of it exceeds the largest loss allowed by measure, for people."""
+    """Return what an audit found, and what of it exceeds the largest loss allowed by measure, for people.
+
+    A terminal gets the first groups, ids and changes only, unless `whole`.
+    """
     felt = [figure for figure in audit.fidelity if abs(figure.weight) >= LEAST_WEIGHT]
-    stages = totals(audit)
+    stages, rows = totals(audit), len(felt) if whole else FIDELITY_ROWS
     return _rendered(
         "audit",
         width,
         audit=audit,
         counts=counts(audit),
         groups=groups(audit),
-        most=GROUPS,
+        most=len(audit.objects) if whole else GROUPS,
+        ids=len(audit.objects) if whole else IDS,
         stages=[COLUMNS, *((total.stage, *total.cells) for total in stages)] if stages else [],
-        fidelity=fidelity_rows(felt[:FIDELITY_ROWS]),
+        fidelity=fidelity_rows(felt[:rows]),
         means=fidelity_rows(audit.means),
-        unshown=len(felt[FIDELITY_ROWS:]),
+        unshown=len(felt[rows:]),
         smaller=len(audit.fidelity) - len(felt),
         cost=cost(stages),
         exceeded=exceeded,

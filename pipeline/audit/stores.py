@@ -1,20 +1,18 @@
 """Files by MD5 in a repository's DVC cache and at its remote; a fetched file is hashed before it is used."""
 
-import fcntl
 import hashlib
 import os
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.dataset.archives import LARGEST_PRODUCT_BYTES
 from pipeline.dataset.lock_file import read_folder
 from pipeline.dataset.products import TENSORS, ZARR, md5_of
 
-BLOCK_BYTES = 2 << 20  # of a request; a cut connection loses at most one
+BLOCK_BYTES = 2 << 20
 ATTEMPTS = 4
 # A file takes 75 bytes of a list. Products are what their readers allow (`pipeline.dataset.archives`).
 MOST_LIST_BYTES = 64 << 20
@@ -108,7 +106,7 @@ class Stores:
         raise self._missing(md5, where, problems)
 
     def fetch(self, md5: str, target: Path, where: str, progress: Progress = lambda count: None) -> None:
-        """Fetch a content into a file, resuming after the part that an earlier call left.
+        """Fetch a content into a file.
 
         Parameters
         ----------
@@ -126,36 +124,29 @@ class Stores:
         NotHere
             No store has it, or none has it whole and can be read.
         InputError
-            `target` cannot be written, or another process writes it.
+            `target` cannot be written.
         """
         most = next(most for suffix, most in MOST_BYTES.items() if where.endswith(suffix))
         problems: list[str] = []
-        with target.open("ab", buffering=0) as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise InputError(where, "another process is fetching it", "Wait for it.") from error
-            for name, odb in self._sources():
-                for _ in range(ATTEMPTS):
-                    try:
-                        _append(odb.fs, odb.oid_to_path(md5), file, progress, most)
-                    except FileNotFoundError:
-                        break
-                    except _TooLargeError as error:
-                        problems.append(f"{name}: {error}")
-                        break
-                    except InputError:
-                        raise
-                    except Exception as error:  # each kind of store has its own
-                        problems.append(_store_error(name, error))
-                        continue
-                    if md5_of(target) == md5:
-                        os.fsync(file.fileno())
-                        return
-                    problems.append(f"{name}: {file.tell()} bytes that are not {md5}")
-                    file.truncate(0)
-        if not target.stat().st_size:
-            target.unlink()
+        for name, odb in self._sources():
+            for _ in range(ATTEMPTS):
+                try:
+                    with target.open("wb") as file:
+                        _copy(odb.fs, odb.oid_to_path(md5), file, progress, most)
+                except FileNotFoundError:
+                    break
+                except _TooLargeError as error:
+                    problems.append(f"{name}: {error}")
+                    break
+                except InputError:
+                    raise
+                except Exception as error:  # each kind of store has its own
+                    problems.append(_store_error(name, error))
+                    continue
+                if md5_of(target) == md5:
+                    return
+                problems.append(f"{name}: {target.stat().st_size} bytes that are not {md5}")
+        target.unlink(missing_ok=True)
         raise self._missing(md5, where, problems)
 
     def _sources(self) -> Iterator[tuple[str, Any]]:
@@ -178,32 +169,24 @@ class _TooLargeError(Exception):
     """A content whose stored size exceeds that of any product of its kind."""
 
 
-def _append(fs: Any, source: str, file: FileIO, progress: Progress, most: int) -> None:
-    """Append the bytes of `source` after those that `file` has, a range at a time."""
+def _copy(fs: Any, source: str, file: BinaryIO, progress: Progress, most: int) -> None:
+    """Write the bytes of `source` to a file."""
     size = fs.info(source)["size"]
     if size is None:
         raise OSError("its store does not say how large it is")
     if size > most:
         raise _TooLargeError(f"{size} bytes, more than the {most} of any product of this kind")
-    place = file.seek(0, os.SEEK_END)
-    if place > size:
-        place = file.truncate(0)
-    while place < size:
-        byte_count = min(BLOCK_BYTES, size - place)
-        block = fs.cat_file(source, start=place, end=place + byte_count)
-        if len(block) == size != byte_count:  # a server without ranges sends all of it
-            place = file.truncate(0)
-        elif len(block) != byte_count:
-            raise ConnectionError(f"{len(block)} of {byte_count} bytes arrived")
-        try:
-            written = file.write(block)
-        except OSError as error:  # a full disk is no fault of the store
-            finding = f"cannot be written ({error.strerror})"
-            raise InputError(
-                str(file.name), finding, "Make room: the bytes that arrived are kept."
-            ) from error
-        place += written
-        progress(written)
+    with fs.open(source, "rb") as stream:
+        while block := stream.read(BLOCK_BYTES):
+            try:
+                file.write(block)
+                file.flush()
+            except OSError as error:  # a full disk is no fault of the store
+                finding = f"cannot be written ({error.strerror})"
+                raise InputError(str(file.name), finding, "Make room.") from error
+            progress(len(block))
+    if file.tell() != size:
+        raise ConnectionError(f"{file.tell()} of {size} bytes arrived")
 
 
 def _store_error(store: str, error: Exception) -> str:

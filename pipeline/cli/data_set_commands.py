@@ -110,7 +110,7 @@ def report(*, summary: bool = False, json: Json = False, root: Root = Path("."))
     Parameters
     ----------
     summary
-        write nothing; say what the last report found, how to look at it, and what of it differs from HEAD
+        write nothing; say what the last report found, and how to look at it
     json
         print the summary as JSON
     """
@@ -119,9 +119,7 @@ def report(*, summary: bool = False, json: Json = False, root: Root = Path("."))
     if json and not summary:
         raise UsageError("report --json", "prints a summary", "Give --summary too.")
     if summary:
-        from pipeline.audit.recorded_outputs import difference
-
-        print_result(summary_of(root, difference(root)), json=json)
+        print_result(summary_of(root), json=json)
     else:
         with status_line("writing the report"):
             make_report(root.absolute())

@@ -69,7 +69,7 @@ def audit(
         gc.enable()
     too_much = exceeded(result.fidelity, allowed)
     if html:
-        write_page(result, html, too_much, allowed)
+        write_page(html, result, audit_text(result, too_much, allowed, 120, whole=True))
     if json:
         more = {"stages": totals(result), "max_loss": allowed, "exceeded": too_much}
         print(as_json(vars(result) | more))

@@ -29,13 +29,11 @@ class Lock:
     outs : MD5 of outputs by path
     parameters : by stage, without those from files that another stage makes
     paths : all that any stage reads or makes
-    deps : MD5 of dependencies by stage and path
     """
 
     outs: Mapping[str, str] = field(default_factory=dict)
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     paths: frozenset[str] = frozenset()
-    deps: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def table(self) -> str:
@@ -73,7 +71,6 @@ def read_lock(where: str, text: bytes) -> Lock:
         outs: dict[str, str] = {}
         parameters: dict[str, dict[str, Any]] = {}
         paths: set[str] = set()
-        deps: dict[str, dict[str, str]] = {}
         outputs = {str(out["path"]) for entry in stages.values() for out in entry.get("outs", ())}
         for stage, entry in stages.items():
             for out in entry.get("outs", ()):
@@ -82,7 +79,6 @@ def read_lock(where: str, text: bytes) -> Lock:
                     continue  # in no cache by MD5: a cloud's own version, or another file system's
                 outs[str(out["path"])] = md5
             paths |= {str(file["path"]) for file in (*entry.get("outs", ()), *entry.get("deps", ()))}
-            deps[str(stage)] = {str(dep["path"]): str(dep.get("md5", "")) for dep in entry.get("deps", ())}
             parameters[str(stage)] = {
                 str(name): value
                 for file, values in entry.get("params", {}).items()
@@ -91,7 +87,7 @@ def read_lock(where: str, text: bytes) -> Lock:
             }
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise FormatError(where, f"not a lock file of DVC ({type(error).__name__})", RESTORE) from error
-    return Lock(outs, parameters, frozenset(paths), deps)
+    return Lock(outs, parameters, frozenset(paths))
 
 
 def read_folder(where: str, text: bytes) -> dict[str, str]:

@@ -62,8 +62,6 @@ class DataSetSummary:
         First page of the report.
     first
         The first Object File, to look at.
-    differences
-        What was recorded otherwise than HEAD, in a line; empty for nothing.
     """
 
     headlines: tuple[Headline, ...]
@@ -71,7 +69,6 @@ class DataSetSummary:
     object_files: str
     report: str
     first: str | None
-    differences: str
 
     def __str__(self) -> str:
         lines = []
@@ -87,18 +84,11 @@ class DataSetSummary:
         lines += [f"Object Files: {self.object_files}/", f"Report:       {self.report}"]
         if self.first:
             lines.append(f"Look:         objectfolder view {self.first}")
-        return "\n".join([*lines, *filter(None, [self.differences])])
+        return "\n".join(lines)
 
 
-def summary_of(root: Path, differences: str = "") -> DataSetSummary:
+def summary_of(root: Path) -> DataSetSummary:
     """Return how faithful the data set is by its last report.
-
-    Parameters
-    ----------
-    root
-        Root of the data set.
-    differences
-        What was recorded otherwise than HEAD (`pipeline.audit.recorded_outputs.difference`).
 
     Raises
     ------
@@ -120,7 +110,6 @@ def summary_of(root: Path, differences: str = "") -> DataSetSummary:
         object_files=str(OBJECT_FILES.folder),
         report=f"{REPORTS}/index.html",
         first=str(files[0].relative_to(root)) if files else None,
-        differences=differences,
     )
 
 

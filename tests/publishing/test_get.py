@@ -7,7 +7,6 @@ import os
 import shutil
 import socket
 import tempfile
-import threading
 from pathlib import Path
 
 import pytest
@@ -416,44 +415,19 @@ def by_http(made, tmp_path):
         yield server, str(bare), versions[1]["mug.safetensors"]
 
 
-def test_a_cut_download_goes_on_where_it_was(by_http, tmp_path, monkeypatch):
-    server, bare, content = by_http
-    monkeypatch.setattr(stores, "BLOCK_BYTES", 100_000)
-    monkeypatch.setattr(stores, "ATTEMPTS", 1)
-    server.cut_at, server.cuts = 750_000, 1000
-    [got] = get(bare, ["mug"], tmp_path / "got")
-    server.cuts = 0
-    assert "try again" in str(got.error)
-    [partial] = (tmp_path / "got").iterdir()
-    assert partial.name.startswith(".partial-")
-    kept = partial.stat().st_size
-    assert kept == 700_000
-    assert partial.read_bytes() == content[:kept]
-
-    server.sent.clear()
-    arrived: list[int] = []
-    [got] = get(bare, ["mug"], tmp_path / "got", progress=arrived.append)
-    assert got.outcome == "fetched"
-    assert sum(arrived) == len(content) - kept
-    assert (tmp_path / "got/mug.safetensors").read_bytes() == content
-    assert files(tmp_path / "got") == {"mug.safetensors"}
-    assert server.sent[stored(server.folder, content).name] <= len(content) - kept + 1
-
-
 def test_a_full_disk_is_no_fault_of_the_store(by_http, tmp_path, monkeypatch):
     server, bare, _ = by_http
-    monkeypatch.setattr(stores, "BLOCK_BYTES", 100_000)
-    (tmp_path / "got").mkdir()
     opened = Path.open
 
     def full(path, *arguments, **options):
-        return opened(Path("/dev/full") if path.name.startswith(".partial-") else path, *arguments, **options)
+        partial = path.parent.name.startswith(".partial-")
+        return opened(Path("/dev/full") if partial else path, *arguments, **options)
 
     monkeypatch.setattr(Path, "open", full)
     [got] = get(bare, ["mug"], tmp_path / "got")
     assert "No space left" in str(got.error)
     assert "Make room" in str(got.error)
-    assert sum(server.sent.values()) < 1_000_000  # one try, not one after the other
+    assert sum(server.sent.values()) < 2_000_000  # one try, not one after the other
 
 
 def test_a_cut_is_tried_again_at_once(by_http, tmp_path):
@@ -465,53 +439,6 @@ def test_a_cut_is_tried_again_at_once(by_http, tmp_path):
     assert (tmp_path / "mug.safetensors").read_bytes() == content
 
 
-def test_a_server_without_ranges_serves_from_the_start(by_http, tmp_path):
-    server, bare, content = by_http
-    server.ranges = False
-    md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
-    (tmp_path / "got").mkdir()
-    (tmp_path / "got" / f".partial-{md5}-mug.safetensors").write_bytes(content[:1000])
-    [got] = get(bare, ["mug"], tmp_path / "got")
-    assert got.error is None
-    assert (tmp_path / "got/mug.safetensors").read_bytes() == content
-    assert files(tmp_path / "got") == {"mug.safetensors"}
-
-
-@pytest.mark.parametrize("part", ["wrong", "longer", "whole"])
-def test_parts_left_by_others_do_no_harm(bare, made, tmp_path, part):
-    content = made[1][1]["mug.safetensors"]
-    left = {"wrong": b"x" * 5000, "longer": content + b"more", "whole": content}[part]
-    md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
-    (tmp_path / f".partial-{md5}-mug.safetensors").write_bytes(left)
-    [got] = get(bare, ["mug"], tmp_path)
-    assert got.error is None
-    assert (tmp_path / "mug.safetensors").read_bytes() == content
-    assert files(tmp_path) == {"mug.safetensors"}
-
-
-def test_two_at_once_do_not_mix(bare, made, tmp_path):
-    content = made[1][1]["mug.safetensors"]
-    md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
-    partial = tmp_path / f".partial-{md5}-mug.safetensors"
-    entered, leave = threading.Event(), threading.Event()
-
-    def slowly(_count):
-        entered.set()
-        assert leave.wait(600)
-
-    with opened(bare) as published:
-        first = threading.Thread(target=published.stores.fetch, args=(md5, partial, "mug", slowly))
-        first.start()
-        assert entered.wait(600)
-        [second] = get(bare, ["mug"], tmp_path)
-        assert "another process is fetching it" in str(second.error)
-        leave.set()
-        first.join()
-    assert [got.outcome for got in get(bare, ["mug"], tmp_path)] == ["fetched"]
-    assert (tmp_path / "mug.safetensors").read_bytes() == content
-    assert files(tmp_path) == {"mug.safetensors"}
-
-
 @pytest.mark.slow
 def test_objects_come_from_s3(tmp_path, monkeypatch):
     with s3_server.serving() as address:
@@ -521,10 +448,5 @@ def test_objects_come_from_s3(tmp_path, monkeypatch):
         versions = publish(tmp_path / "work", f"s3://{s3_server.new_bucket(address)}/dvc", settings, (1,))
         command(tmp_path, "git", "clone", "-q", "--bare", "work", "bare.git")
         content = versions[0]["mug.safetensors"]
-        md5 = hashlib.md5(content, usedforsecurity=False).hexdigest()
-        (tmp_path / "got").mkdir()
-        (tmp_path / "got" / f".partial-{md5}-mug.safetensors").write_bytes(content[:900_000])
-        arrived: list[int] = []
-        get(f"{tmp_path}/bare.git@v1", ["mug"], tmp_path / "got", progress=arrived.append)
-        assert sum(arrived) == len(content) - 900_000
+        get(f"{tmp_path}/bare.git@v1", ["mug"], tmp_path / "got")
         assert (tmp_path / "got/mug.safetensors").read_bytes() == content

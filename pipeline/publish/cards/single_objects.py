@@ -8,6 +8,7 @@ import contextlib
 import difflib
 import os
 import re
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -207,19 +208,17 @@ class PublishedRevision:
 
 
 def _fetch(stores: Stores, progress: Callable[[int], None], object_id: str, md5: str, path: Path) -> Got:
-    """Bring a product to `path`; until it is whole, it is ``.partial-<md5>-<name>`` beside it."""
-    partial = path.with_name(f".partial-{md5}-{path.name}")
+    """Bring a product to `path`, once it is whole."""
     try:
         if path.is_file() and md5_of(path) == md5:
             return Got(object_id, path, KEPT)
         path.parent.mkdir(parents=True, exist_ok=True)
-        stores.fetch(md5, partial, str(path), progress)
-        verify(partial)
-        os.replace(partial, path)
+        with tempfile.TemporaryDirectory(prefix=".partial-", dir=path.parent) as folder:
+            partial = Path(folder, path.name)
+            stores.fetch(md5, partial, str(path), progress)
+            verify(partial)
+            os.replace(partial, path)
         return Got(object_id, path, FETCHED)
-    except FormatError as error:
-        partial.unlink()
-        return Got(object_id, path, FAILED, error)
     except ObjectFolderError as error:
         return Got(object_id, path, FAILED, error)
     except OSError as error:  # of the folder it is written to: errors of stores are handled above

@@ -95,14 +95,14 @@ def write_gallery(
             (pages / f"{object_id}{PLAYER}").write_bytes(player_script(path, object_id))
             tiles[object_id] = _tile(file, object_id, pages)
             page = environment.get_template("object.html.j2").render(
-                policy=security_policy(environment, ("theme.js",)),
+                policy=security_policy(environment, ()),
                 tile=tiles[object_id],
                 sheet=data_sheet(file, materials),
                 bytes=path.stat().st_size,
             )
             (pages / f"{object_id}{PAGE}").write_text(page, encoding="utf-8")
         index = environment.get_template("index.html.j2").render(
-            policy=security_policy(environment, ("theme.js", "gallery.js")),
+            policy=security_policy(environment, ("gallery.js",)),
             title=title,
             tiles=list(tiles.values()),
             frames=FRAMES,

@@ -34,7 +34,7 @@ from pipeline.publish.report.summary import (
 )
 from pipeline.publish.report.templates import security_policy, template_environment, web_link
 
-SCRIPTS = ("theme.js", "index.js")
+SCRIPTS = ("index.js",)
 MOST_SOURCES = 60  # others are found only by the search
 
 

@@ -27,7 +27,7 @@ from pipeline.publish.report.summary import definitions_of, error_words, setting
 from pipeline.publish.report.templates import security_policy, template_environment
 
 SENSE_NAMES = {"vision": "Sight", "audio": "Sound", "touch": "Touch"}
-SCRIPTS = ("theme.js", "strikes.js", "object.js")
+SCRIPTS = ("strikes.js", "object.js")
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096

@@ -94,43 +94,11 @@
     headers[place].sort(direction);
   });
 
-  // Columns that do not fit are left out, the source, the last and then the words first, unless they are chosen.
-  const [view, columns] = ["view", "columns"].map((id) => document.getElementById(id));
-  const places = [2, ...[...headers.keys()].slice(5).reverse(), 1, 3];
-  const chosen = new Map();
-  const boxes = headers.map((header, place) => {
-    const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
-    const label = document.createElement("label");
-    label.append(box, ` ${titles[place]}`);
-    if (place) columns.querySelector("fieldset").append(label);
-    box.addEventListener("change", () => {
-      chosen.set(place, box.checked);
-      fit();
-    });
-    return box;
-  });
-  const fit = () => {
-    const tiled = table.classList.contains("tiled");
-    columns.hidden = tiled;
-    for (const place of headers.keys()) table.classList.toggle(`without-${place}`, chosen.get(place) === false);
-    if (tiled) return;
-    // Read at once: every width that is read after a change lays out the whole table anew.
-    let over = table.scrollWidth - table.parentElement.clientWidth;
-    const widths = headers.map((header) => header.getBoundingClientRect().width);
-    for (const place of places) {
-      if (over <= 0) break;
-      if (chosen.has(place)) continue;
-      table.classList.add(`without-${place}`);
-      over -= widths[place];
-    }
-    boxes.forEach((box, place) => (box.checked = !table.classList.contains(`without-${place}`)));
-  };
+  const view = document.getElementById("view");
   view.hidden = false;
   view.addEventListener("click", () => {
     view.setAttribute("aria-pressed", String(!table.classList.toggle("tiled")));
-    fit();
   });
-  addEventListener("resize", fit);
   const player = new Audio();
   for (const { element } of rows) {
     const button = element.querySelector(".hear");
