@@ -13,15 +13,13 @@ if TYPE_CHECKING:
     from rich.console import Group
 
 
-PRIOR = 0.07  # share of the expected seconds that counts as needed as expected, before any task ended
+PRIOR = 0.02  # share of the expected seconds that counts as needed as expected, before any task ended
 LEAST = 0.05  # of what running tasks have used, that they go on to use at least
 LATE = 0.25  # the same, of those that run last
 
 
 class FlowProgress:
     """Seconds done and left of several stages, objects settled in each, busy workers and time to go.
-
-    What the tasks of a stage took that ended, over what they were expected to take, corrects what is left.
 
     Parameters
     ----------
@@ -43,8 +41,7 @@ class FlowProgress:
         self._outcomes: dict[str, Counter[str]] = {stage: Counter() for stage in stages}
         self._left: dict[str, dict[str, float]] = {stage: {} for stage in stages}  # object to seconds
         self._left_s = dict.fromkeys(stages, 0.0)  # their sums
-        self._expected_s = dict.fromkeys(stages, 0.0)  # of tasks that ended
-        self._taken_s = dict.fromkeys(stages, 0.0)
+        self._expected_s = self._taken_s = 0.0  # of tasks that ended
         self._busy, self._total = 0, 1
         self._running_s, self._last_s = 0.0, clock()  # seconds of tasks that run, up to the last look
         self._lock = threading.Lock()
@@ -64,8 +61,8 @@ class FlowProgress:
             expected_s = self._left[stage].pop(object_id, 0.0)
             self._left_s[stage] -= expected_s
             if wall_s > 0:
-                self._expected_s[stage] += expected_s
-                self._taken_s[stage] += wall_s
+                self._expected_s += expected_s
+                self._taken_s += wall_s
                 self._running_s = max(0.0, self._running_s - wall_s)
 
     def workers(self, busy: int, total: int) -> None:
@@ -88,46 +85,31 @@ class FlowProgress:
         for stage, counts in self._outcomes.items():
             print(f"{stage}: {_words(counts)}", file=self._stream, flush=True)
 
-    def seconds_to_go(self) -> float:
-        """Return the wall seconds that the run is expected to take yet."""
-        return self._state()[0]
-
     def line(self) -> str:
         """Return the state in one line."""
-        return " | ".join([self._status(*self._state()), *self._shares()])
+        return " | ".join([self._status(*self.state()), *self._shares()])
 
-    def _state(self) -> tuple[float, float, float]:
+    def state(self) -> tuple[float, float, float]:
         """Return wall seconds to go, and seconds of tasks left and done.
 
-        No schedule is faster than the work shared evenly, or than the longest chain of tasks of one object.
+        What the tasks that ended took over what they were expected to take corrects the others. No schedule
+        is faster than the work shared evenly, or than the longest chain of tasks of one object.
         """
         with self._lock:
             self._look()
-            ratios = self._ratios()
-            work_s = sum(ratio * self._left_s[stage] for stage, ratio in ratios.items())
-            work_s = max(work_s - self._running_s, LEAST * self._running_s)
+            left_s = sum(self._left_s.values())
+            prior_s = PRIOR * (left_s + self._expected_s)
+            ratio = (self._taken_s + prior_s) / ((self._expected_s + prior_s) or 1.0)
+            work_s = max(ratio * left_s - self._running_s, LEAST * self._running_s)
             ends: dict[str, float] = {}
             for stage, before in self._stages.items():
-                mean_s = ratios[stage] * self._left_s[stage] / (len(self._left[stage]) or 1)
+                mean_s = ratio * self._left_s[stage] / (len(self._left[stage]) or 1)
                 ends[stage] = mean_s + max((ends.get(other, 0.0) for other in before), default=0.0)
             chain_s = max(ends.values(), default=0.0)
             if self._busy and next((len(left) for left in self._left.values() if left), 0) <= self._busy:
                 run_s = self._running_s / self._busy  # else a chain is left that has not begun
                 chain_s = max(chain_s - run_s, LATE * run_s)
-            to_go_s = max(work_s / max(1, self._total), chain_s)
-            return to_go_s, work_s, sum(self._taken_s.values()) + self._running_s
-
-    def _ratios(self) -> dict[str, float]:
-        """Return the seconds that a task of each stage takes over those expected, by those that ended."""
-        expected = {stage: self._left_s[stage] + self._expected_s[stage] for stage in self._left}
-        prior = PRIOR * sum(expected.values())
-        mean = (sum(self._taken_s.values()) + prior) / ((sum(self._expected_s.values()) + prior) or 1.0)
-        ratios = {}
-        for stage in self._left:
-            # The fewer tasks of a stage ended, the more those of all count.
-            prior = PRIOR * expected[stage]
-            ratios[stage] = (self._taken_s[stage] + prior * mean) / ((self._expected_s[stage] + prior) or 1.0)
-        return ratios
+            return max(work_s / max(1, self._total), chain_s), work_s, self._taken_s + self._running_s
 
     def _status(self, to_go_s: float, left_s: float, done_s: float) -> str:
         share = done_s / ((left_s + done_s) or 1.0)
@@ -142,7 +124,7 @@ class FlowProgress:
         from rich.progress_bar import ProgressBar
         from rich.table import Table
 
-        state = self._state()
+        state = self.state()
         bar = Table.grid(padding=(0, 2))
         bar.add_row(ProgressBar(state[1] + state[2], state[2], width=24), self._status(*state))
         return Group(bar, " | ".join(self._shares()))

@@ -29,7 +29,8 @@ SIZES = (PHONE, {"width": 390, "height": 800}, {"width": 1280, "height": 900}, {
 sweep = pytest.mark.release("pipeline.publish")
 # Elements that hide a part of what they hold; others show it, or scroll to it.
 CUT = """[...document.querySelectorAll('main *')].filter(one => one.clientWidth > 2
-    && one.scrollWidth > one.clientWidth + 1 && !['visible', 'auto'].includes(getComputedStyle(one).overflowX))
+    && one.scrollWidth > one.clientWidth + 1
+    && !['visible', 'auto'].includes(getComputedStyle(one).overflowX))
     .map(one => one.outerHTML.slice(0, 80))"""
 # Images outside the window are not loaded before one scrolls to them.
 SEEN_IMAGES_COMPLETE = """[...document.images].every(image => {

@@ -125,7 +125,7 @@ def worst_factor(run: list[Ended], expected: Expected, workers: int, share: floa
     worst, busy = 1.0, 0
     for clock.now, kind, task in sorted(events):
         if kind == 2:
-            stated, true = progress.seconds_to_go(), end_s - clock.now
+            stated, true = progress.state()[0], end_s - clock.now
             worst = max(worst, stated / true, true / stated)
             continue
         busy += 1 if kind else -1
