@@ -94,7 +94,7 @@ def radial(ball: Surface):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("wavenumber_radius", "subdivisions"),
-    [(3.0, 4), *(pytest.param(x, 5, marks=RELEASE) for x in (0.3, 1.0, 3.0, 10.0))],
+    [(3.0, 3), *(pytest.param(x, 5, marks=RELEASE) for x in (0.3, 1.0, 3.0, 10.0))],
 )
 def test_spheres_and_a_piston_are_heard_as_their_closed_forms(wavenumber_radius, subdivisions):
     ball = sphere(subdivisions)

@@ -54,6 +54,7 @@ def test_a_mug_is_seen_to_rise_heard_to_be_touched_and_felt(held, tmp_path, monk
     assert abs(longer[-1, :, :pixels] - seen[-1]).max() > 100
 
 
+@pytest.mark.release("learning", "objectfolder.live")
 def test_a_film_is_the_same_whatever_was_done_before_it(held):
     world, grasp = held[0]["mug"], Grasp(0.3, 0.01, 0.1, held[1]["mug"])
 

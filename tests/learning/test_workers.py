@@ -25,7 +25,7 @@ def test_local_workers_are_processes_of_one_thread_and_others_stay():
         assert in_processes(place) is place
 
 
-@pytest.mark.slow
+@pytest.mark.release("learning", "pipeline.cluster")
 def test_a_worker_draws_what_this_process_draws_and_keeps_the_memory_that_it_frees(
     tiny, tmp_path, monkeypatch
 ):

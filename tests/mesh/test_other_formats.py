@@ -239,7 +239,6 @@ mesh.materials.append(material)
 bpy.ops.export_scene.fbx(filepath="box.fbx")
 bpy.context.scene.unit_settings.scale_length = 0.001
 box.scale = (1000, 1000, 1000)
-bpy.ops.wm.save_as_mainfile(filepath="box.blend")
 tree = material.node_tree
 noise = tree.nodes.new("ShaderNodeTexNoise")
 tree.links.new(noise.outputs[0], tree.nodes["Principled BSDF"].inputs["Base Color"])
@@ -256,12 +255,14 @@ def test_what_blender_reads_has_its_units_and_its_axis_up(tmp_path, subtests):
     write_text(tmp_path / "box.usda", USD.format(indices=indices, points=points))
     program = BLENDER.format(points=CORNERS.tolist(), quads=BOX_QUADS)
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, capture_output=True)
-    for name in ("box.usda", "box.fbx", "box.blend"):
+    for name in ("box.usda", "box.fbx", "noise.blend"):
         with subtests.test(name=name):
             mesh = load_mesh(tmp_path / name)
             same_box(mesh, 1e-6)
-            assert colour(mesh, TOP) == [255, 0, 0]
             assert mesh.remarks[0].startswith("read by Blender")
             assert source_files(tmp_path / name) == (tmp_path / name,)
-            assert len(mesh.remarks) == 1
-    assert "(Noise Texture): bake it" in load_mesh(tmp_path / "noise.blend").remarks[1]
+            if name == "noise.blend":
+                assert "(Noise Texture): bake it" in mesh.remarks[1]
+            else:
+                assert colour(mesh, TOP) == [255, 0, 0]
+                assert len(mesh.remarks) == 1

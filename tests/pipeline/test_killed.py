@@ -47,7 +47,7 @@ RELEASE = pytest.mark.release("pipeline.run", "pipeline.cluster", "pipeline.sand
     ("objects", "place", "what"),
     [
         pytest.param(3, LOCAL, [CHILD, WORKER], id="run that survives"),
-        pytest.param(3, LOCAL, [DRIVER], id="driver"),
+        pytest.param(3, LOCAL, [DRIVER], id="driver", marks=RELEASE),
         pytest.param(6, LOCAL, [DRIVER, CHILD, DRIVER], id="driver twice", marks=RELEASE),
         pytest.param(6, ADDRESS, [CHILD, SCHEDULER, WORKER, DRIVER], id="scheduler", marks=RELEASE),
     ],

@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
+from kept_renderers import render_in_kept
 
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.readers.load import load_mesh
@@ -58,11 +59,14 @@ def scene(quads, appearance=LAMBERT, **maps) -> Scene:
     )  # fmt: skip
 
 
+def shots_of(light, cameras=FRONT, samples=16, field_of_view=FIELD_OF_VIEW) -> Shots:
+    lights = np.broadcast_to(light, (len(cameras), 3)).astype(float)
+    return Shots(cameras, lights, np.arange(len(cameras)), samples, *SIZE, field_of_view)
+
+
 def rendered(scene: Scene, light, cameras=FRONT, samples=16, field_of_view=FIELD_OF_VIEW) -> np.ndarray:
     """(n, 24, 36, 4) float64 linear premultiplied."""
-    lights = np.broadcast_to(light, (len(cameras), 3)).astype(float)
-    shots = Shots(cameras, lights, np.arange(len(cameras)), samples, *SIZE, field_of_view)
-    return render_in_children(scene, shots).astype(np.float64)
+    return render_in_kept(scene, shots_of(light, cameras, samples, field_of_view)).astype(np.float64)
 
 
 def matt_radiance(passes: Passes, view: int, pose, light, field_of_view=FIELD_OF_VIEW) -> np.ndarray:
@@ -310,7 +314,8 @@ def _large_texture() -> tuple[float, float, int]:
     texture = random.integers(0, 256, (4096, 4096, 4), dtype=np.uint8)
     texture[..., 3] = 255
     light = [0.0, -1.0, 0.0]
-    found = rendered(scene([(0.0, 0.0, 0.4, texture, SQUARE)]), light, samples=64)[0]
+    quad = scene([(0.0, 0.0, 0.4, texture, SQUARE)])
+    found = render_in_children(quad, shots_of(light, samples=64))[0].astype(np.float64)
     albedo = srgb_decode(bilinear(texture, random.random((100_000, 2)))[:, :3]).mean()
     centre = found[10:14, 16:20, :3].mean() / (LIGHT_POWER_W / (4 * np.pi**2))
     return float(centre), float(albedo), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from kept_renderers import render_in_kept
 from vision_shapes import cube, sphere
 
 from objectfolder import child_process
@@ -37,8 +38,8 @@ def scene_of(mesh, appearance=LAMBERT) -> Scene:
 def test_a_lambert_sphere_has_the_analytic_radiance():
     mesh = sphere(0.5, (188, 120, 60))
     camera, light = np.array([[0.0, -2.5, 0.0]]), np.array([[0.3, -0.9, 0.5]])
-    shots = Shots(look_at(camera), light, np.array([1]), 64, 65, 65, 30.0, light_power_w=12.0)
-    image = render_in_children(scene_of(mesh), shots)[0].astype(float)
+    shots = Shots(look_at(camera), light, np.array([1]), 16, 65, 65, 30.0, light_power_w=12.0)
+    image = render_in_kept(scene_of(mesh), shots)[0].astype(float)
     row, column = np.mgrid[:65, :65]
     focal = 32.5 / np.tan(np.radians(15))
     directions = np.stack([(column - 32) / focal, np.ones((65, 65)), (32 - row) / focal], axis=-1)
@@ -59,7 +60,7 @@ def test_a_lambert_sphere_has_the_analytic_radiance():
 def test_creases_of_a_welded_mesh_cast_no_shadow_on_their_own_faces():
     mesh = dataclasses.replace(cube(), textures=(np.array([[[188, 188, 188, 255]]], np.uint8),))
     camera, light = look_at(np.array([[0.0, -2.5, 0.0]])), np.array([[0.1, -0.95, -0.3]])
-    image = render_in_children(scene_of(mesh), Shots(camera, light, np.array([1]), 16, 33, 33, 20.0))[0]
+    image = render_in_kept(scene_of(mesh), Shots(camera, light, np.array([1]), 16, 33, 33, 20.0))[0]
     row, column = np.mgrid[4:29, 4:29]
     step = 2.0 / (16.5 / np.tan(np.radians(10)))
     offset = np.stack(
@@ -77,7 +78,7 @@ def test_each_face_has_its_texture():
     mesh = dataclasses.replace(mesh, textures=(red, green), face_texture=upper.astype(np.int32))
     cameras = look_at(np.array([[0.0, 0.0, 2.5], [0.0, -2.5, 0.0]]))
     lights = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-    images = render_in_children(scene_of(mesh), Shots(cameras, lights, np.zeros(2, int), 4, 9, 9, 30.0))
+    images = render_in_kept(scene_of(mesh), Shots(cameras, lights, np.zeros(2, int), 16, 9, 9, 30.0))
     assert (images[:, 4, 4, 3] == 1).all()
     assert images[0, 4, 4, 1] > 0.1 > 0.01 > images[0, 4, 4, 0]
     assert images[1, 4, 4, 0] > 0.1 > 0.01 > images[1, 4, 4, 1]
@@ -88,7 +89,7 @@ def test_projected_vertices_lie_on_the_rendered_silhouette():
     mesh = cube()
     pose = look_at(np.array([[1.2, -1.9, 1.1]]))
     shots = Shots(pose, np.array([[0.0, 0.0, 1.0]]), np.array([0]), 16, 60, 90, 65.0)
-    alpha = render_in_children(scene_of(mesh), shots)[0, ..., 3]
+    alpha = render_in_kept(scene_of(mesh), shots)[0, ..., 3]
     corners = project(scene_of(mesh).vertices, pose[0], (60, 90), 65.0)
     rows, columns = np.nonzero(alpha > 0)
     np.testing.assert_allclose(
@@ -98,10 +99,16 @@ def test_projected_vertices_lie_on_the_rendered_silhouette():
     )
 
 
+@pytest.fixture(scope="module")
+def in_conditions():
+    """Fewer views of the cube, and one in each condition, by two threads."""
+    fewer = {**SMALL, "training_views": 2, "condition_views": 1}
+    return simulate_views(cube(), Appearance(), **fewer, seed=5, threads=2)
+
+
 @pytest.mark.slow
-def test_views_are_reproducible_whatever_the_threads_and_counts(monkeypatch):
-    first = simulate_views(cube(), Appearance(), **SMALL, seed=5)
-    again = simulate_views(cube(), Appearance(), **{**SMALL, "training_views": 2}, seed=5, threads=2)
+def test_views_are_reproducible_whatever_the_threads_and_counts(in_conditions, monkeypatch):
+    first, again = simulate_views(cube(), Appearance(), **SMALL, seed=5), in_conditions
     assert "bpy" not in sys.modules
     for name in first.arrays:
         np.testing.assert_array_equal(first[name][[0, 1, 3, 4]], again[name], err_msg=name)
@@ -141,8 +148,8 @@ def test_parts_of_images_are_rendered_alone_and_several_requests_in_one_process(
 
 
 @pytest.mark.slow
-def test_views_in_other_conditions_show_the_object_and_leave_the_others_as_they_are():
-    views = simulate_views(cube(), Appearance(), **{**SMALL, "training_views": 1}, seed=5, condition_views=1)
+def test_views_in_other_conditions_show_the_object(in_conditions):
+    views = in_conditions
     assert list(views.attributes["conditions"]) == list(CONDITIONS)
     rgba = views["condition_rgba"]
     assert rgba.shape == (len(CONDITIONS), 64, 64, 4)
@@ -153,7 +160,7 @@ def test_views_in_other_conditions_show_the_object_and_leave_the_others_as_they_
     assert rgba[0, ..., :3].max() > 4 * rgba[4, ..., :3].max() > 0
     for condition in views.attributes["conditions"].values():
         assert 20 < condition["noise_floor_db"] <= 120
-    assert len(views["rgba"]) == 3
+    assert len(views["rgba"]) == 4
 
 
 def test_bad_parameters_and_appearances_are_named():

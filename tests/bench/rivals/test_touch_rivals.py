@@ -23,6 +23,7 @@ from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.truth.record import simulate_touches
 
+pytestmark = pytest.mark.release("bench.rivals")
 SENSOR = Sensor(image_height=32, image_width=24)
 
 
