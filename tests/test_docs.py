@@ -180,6 +180,7 @@ def test_reference_has_the_queries_of_an_object_file(pages):
         assert f"objectfolder.{name}" in names
 
 
+@pytest.mark.release("objectfolder", "docs")
 def test_pages_of_the_reference_are_short(pages: dict[Path, ElementTree.Element], browser: Any):
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     for path in (path for path in pages if path.parent.name == "api"):

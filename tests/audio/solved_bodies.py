@@ -90,7 +90,6 @@ def bar_of_cells(
 
 SOLUTIONS: Mapping[str, Callable[[], Product]] = {
     "bar to 20 cents": lambda: solve(bar_surface(), 20.0),
-    "bar to 5 cents": lambda: solve(bar_surface()),
     "bar of cells": bar_of_cells,
     "undamped bar of cells": lambda: bar_of_cells(**UNDAMPED),
     "small cup": lambda: solve(small_cup().surface()),

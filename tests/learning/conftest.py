@@ -17,6 +17,12 @@ EXAMPLES = Path(objectfolder.__file__).parent / "examples"
 PARAMETERS = Path(__file__).parents[2] / "learning" / "params.yaml"
 
 
+@pytest.fixture(autouse=True)
+def _no_log_in_the_temporary_folder(tmp_path_factory, monkeypatch):
+    """Where Stable-Baselines3 logs, nobody looks."""
+    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path_factory.getbasetemp() / "sb3"))
+
+
 def at_root(settings, root):
     """Settings of a data set elsewhere."""
     return settings.model_copy(update={"data": settings.data.model_copy(update={"root": str(root)})})

@@ -44,11 +44,17 @@ def read_in_processes(objects: Sequence[dict[str, str]]) -> list[dict[str, Any]]
         for taking too long) or ``failed`` (another error); `said`; `seconds` of CPU time; `outside`, what it
         touched outside of its folder; `memory`, whether it asked for too much.
     """
+    with tempfile.TemporaryDirectory() as empty:
+        return _read_in_processes(objects, empty)
+
+
+def _read_in_processes(objects: Sequence[dict[str, str]], folder: str) -> list[dict[str, Any]]:
+    """Read objects in child processes that work in an empty folder."""
     found: list[dict[str, Any]] = []
     while len(found) < len(objects):
         left = objects[len(found) :]
         child = subprocess.run(
-            [sys.executable, __file__, str(CPU_S)],
+            [sys.executable, __file__, str(CPU_S), folder],
             input="".join(json.dumps(one) + "\n" for one in left),
             capture_output=True,
             text=True,
@@ -80,7 +86,7 @@ def _main() -> None:
     if objects and any(one["archive"] for one in objects):
         from pipeline.intake.sources.unpacking import unpack
     _warm_up(ingest_object)
-    os.chdir(tempfile.mkdtemp())
+    os.chdir(sys.argv[2])
     touched: list[str] = []
     allowed: list[str] = []
     watching = [False]

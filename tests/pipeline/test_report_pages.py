@@ -253,7 +253,7 @@ def test_workers_draw_pages_as_the_driver_does_and_only_those_that_changed(
 
     def runner_for(count: int) -> AbstractContextManager[Runner]:
         counts.append(count)
-        return runner(Place(), tmp_path, 1)
+        return runner(Place(kwargs={"n_workers": 1, "threads_per_worker": 1}), tmp_path, 1)
 
     def files(folder: Path) -> dict[Path, bytes]:
         paths = {path.relative_to(folder): path for path in (folder / "reports").rglob("*.*")}
