@@ -20,6 +20,13 @@ from pipeline.sandbox.isolation import GLIBC, Child, ProcessKilled
 
 FEW = 1  # jobs for which starting a cluster takes longer than it saves
 MOST_KILLS_HERE = 2  # of a task's own process, after which it fails
+# What the process of a worker must have before its Python starts.
+SPAWNED: Mapping[str, str] = {
+    # Units of learning run in the workers, and networks that are trained there take two fifths of their CPU
+    # seconds for pages that are returned and asked for again.
+    **GLIBC,
+    "PYTHONSAFEPATH": "1",  # nothing in the current folder is a module
+}
 # Task bodies run in child processes, so an event loop that is silent for long has ended.
 DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.daemon": False,  # workers have child processes
@@ -35,10 +42,7 @@ DEFAULTS: Mapping[str, Any] = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": False,
-    # Units of learning run in the workers, and networks that are trained there take two fifths of their CPU
-    # seconds for pages that are returned and asked for again.
-    **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in GLIBC.items()},
-    "distributed.nanny.pre-spawn-environ.PYTHONSAFEPATH": "1",  # nothing in the current folder is a module
+    **{f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in SPAWNED.items()},
 }
 
 
@@ -143,6 +147,7 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
     with contextlib.ExitStack() as stack:
         scratch.sweep()
         scratch.sweep(root / scratch.KEYS)
+        stack.enter_context(_environment_kept())
         own = dict(place.dask)
         if place.starts in HERE:
             own.setdefault("temporary-directory", stack.enter_context(scratch.Scratch("dask")))
@@ -169,6 +174,22 @@ def connect(place: Place, root: Path, tasks_at_most: int) -> Iterator[Any]:
         if cluster:
             start_workers(cluster, place, tasks_at_most)
         yield client
+
+
+@contextlib.contextmanager
+def _environment_kept() -> Iterator[None]:
+    """Take back what Dask's nannies set in the environment of this process for the workers they spawn.
+
+    A later process of a caller would inherit it: with ``PYTHONSAFEPATH``, ``python -m`` runs other code.
+    """
+    before = {name: os.environ.get(name) for name in (*SPAWNED, "PYTHONHASHSEED")}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
 
 
 def settings(own: Mapping[str, Any] | None = None) -> Any:

@@ -104,7 +104,8 @@ def tasks(stages: Sequence[str], *object_ids: str) -> list[str]:
 @pytest.fixture
 def repository(tmp_path, monkeypatch) -> Repository:
     monkeypatch.setattr(overhead_repository, "CHUNKS", {})  # nobody looks at images
-    monkeypatch.delenv("PYTHONPATH", raising=False)  # stages import the code of their checkout
+    for name in ("PYTHONPATH", "PYTHONSAFEPATH"):  # stages import the code of their checkout
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)  # nobody edits that code
     monkeypatch.setenv("SHELL", "/bin/sh")  # DVC's choice where none is set, and dash on Debian
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")

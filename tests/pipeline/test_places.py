@@ -153,12 +153,15 @@ def test_a_worker_killed_while_it_starts_is_started_again(root, capfd):
     """Other users of this machine cannot reach the scheduler, either."""
     killer = threading.Thread(target=_kill_a_starting_worker)
     killer.start()
+    before = os.environ.get("PYTHONSAFEPATH")
     with connect(Place(kwargs={"threads_per_worker": 3}), root, 5) as client:
         client.wait_for_workers(1, timeout=120)
         killer.join()
         assert client.submit(sum, [1, 2]).result() == 3
         assert client.scheduler.address.startswith("tls://127.0.0.1:")
         assert list(client.nthreads().values()) == [3]
+        assert os.environ["PYTHONSAFEPATH"] == "1"
+    assert os.environ.get("PYTHONSAFEPATH") == before  # only workers are spawned with it
     said = capfd.readouterr().err
     assert "worker 0 did not start or has ended; started again" in said
     assert "Traceback" not in said
