@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urldefrag, urlsplit
 
+import axe_playwright_python
 import html5lib
 import markdown
 import numpy as np
@@ -24,6 +25,7 @@ from pipeline.cli import application
 pytest_plugins = ["tests.browser"]
 REPOSITORY = Path(__file__).parents[1]
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
+AXE = Path(axe_playwright_python.__file__).parent / "axe.min.js"
 LOADED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src")}
 
 
@@ -186,3 +188,14 @@ def test_pages_of_the_reference_are_short(pages: dict[Path, ElementTree.Element]
     for path in (path for path in pages if path.parent.name == "api"):
         page.goto(path.as_uri())
         assert page.evaluate("document.documentElement.scrollHeight") <= 15000, path.name
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_are_accessible(scheme: str, pages: dict[Path, ElementTree.Element], browser: Any):
+    page = browser.new_page(color_scheme=scheme, bypass_csp=True)
+    tried = ("index.html", "ask.html", "api/audio.html")  # a picture and tables, code, a reference
+    for path in (path for path in pages if path.as_posix().endswith(tried)):
+        page.goto(path.as_uri())
+        page.add_script_tag(path=AXE)
+        violations = page.evaluate("axe.run().then(result => result.violations)")
+        assert [(rule["id"], rule["nodes"][0]["html"]) for rule in violations] == [], path.name
