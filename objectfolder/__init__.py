@@ -124,6 +124,7 @@ def build(
     wall_m: float | None = None,
     shell_m: float | None = None,
     mass_kg: float | None = None,
+    glass: str = "opaque",
     up: str | None = None,
     decimate: int | None = None,
     silent: bool = False,
@@ -151,6 +152,8 @@ def build(
     wall_m, shell_m
         Least thickness of walls where a scan fused them, and the wall of a container that was scanned solid,
         metres.
+    glass
+        ``"thin"``: light passes the walls, as through a slab each; ``"opaque"``: none does.
     mass_kg
         The mass where it is known, as a check and for simulators.
     up
@@ -199,6 +202,7 @@ def build(
         wall_m=wall_m,
         shell_m=shell_m,
         mass_kg=mass_kg,
+        glass=glass,
         up=up,
         decimate=decimate,
         silent=silent,

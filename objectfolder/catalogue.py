@@ -13,6 +13,7 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.mesh import check_stated_length
 from objectfolder.mesh.readers.files import is_file
 from objectfolder.mesh.up_axis import check_up_axis
+from objectfolder.vision.appearance import OPAQUE, check_glass
 
 AS_IN_FILE = "as in file"
 """Value of `length_m` for a mesh whose own unit is the metre."""
@@ -22,7 +23,7 @@ SENSES = ("vision", "audio", "touch")
 REQUIRED_COLUMNS = ("id", "material")
 COLUMNS = (
     "id", "name", "mesh", "texture", "material", "length_m", "source", "licence", "attribution", "roughness",
-    "metallic", "wall_m", "shell_m", "mass_kg", "source_id",
+    "metallic", "glass", "wall_m", "shell_m", "mass_kg", "source_id",
 )  # fmt: skip
 
 # Windows opens a device for these names, whatever extension follows, and drops a dot at the end.
@@ -48,6 +49,8 @@ class ObjectRecord:
         Longest side in metres; None as in the file.
     roughness, metallic
         Appearance in 0..1 in place of the material's; None leaves the material's.
+    glass
+        ``"thin"`` where light passes its walls, as through a slab each; else ``"opaque"``.
     wall_m
         Least thickness of the walls for its sound, metres, where the scan made them too thin.
     shell_m
@@ -74,6 +77,7 @@ class ObjectRecord:
     attribution: str
     roughness: float | None = None
     metallic: float | None = None
+    glass: str = OPAQUE
     wall_m: float | None = None
     shell_m: float | None = None
     mass_kg: float | None = None
@@ -254,6 +258,7 @@ def _record(
         attribution=row.get("attribution", ""),
         roughness=_fraction(row.get("roughness", ""), f"{where}, field roughness"),
         metallic=_fraction(row.get("metallic", ""), f"{where}, field metallic"),
+        glass=_glass(row.get("glass", ""), f"{where}, field glass"),
         wall_m=wall_m,
         shell_m=shell_m,
         mass_kg=_positive(row.get("mass_kg", ""), f"{where}, field mass_kg", "kilograms"),
@@ -317,6 +322,12 @@ def _fraction(text: str, where: str) -> float | None:
     if not 0 <= value <= 1:
         raise InputError(where, f"{text!r} is not a number in 0..1", "Correct it, or leave it empty")
     return value
+
+
+def _glass(text: str, where: str) -> str:
+    glass = text.lower() or OPAQUE
+    check_glass(glass, where)
+    return glass
 
 
 def _up(text: str, where: str) -> str | None:

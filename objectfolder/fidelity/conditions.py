@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_within
+from objectfolder.fidelity.sight import foreground_alpha, measure_within
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.vision.compositing import on_white
@@ -39,7 +39,7 @@ def measure_conditions(file: ObjectFile, views: Product) -> dict[str, float]:
     for index, name in enumerate(names):
         condition = conditions[name]
         rows = slice(index * count, (index + 1) * count)
-        truth, within = on_white(rgba[rows]), rgba[rows, ..., 3] >= FOREGROUND_ALPHA
+        truth, within = on_white(rgba[rows]), rgba[rows, ..., 3] >= foreground_alpha(views)
         if not within.any():
             continue
         answer = _answer(file, views, rows, condition)

@@ -7,16 +7,22 @@ import numpy as np
 from objectfolder.fidelity.images import psnr_db, ssim
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
+from objectfolder.vision.appearance import THIN
 from objectfolder.vision.compositing import on_white, srgb_encode
+from objectfolder.vision.network.thin_glass import index_of, slab
 from objectfolder.vision.visionnet.visionnet import REFLECTANCE
 
 FOREGROUND_ALPHA = 0.5
+# Of thin glass, which is seen by what it shows and hides little: the same of what one clear wall reflects.
+THIN_FOREGROUND_ALPHA = FOREGROUND_ALPHA * float(slab(np.ones(1), np.ones((1, 3)), index_of(0.5))[0][0, 0])
 # Linear radiance of a channel from which on a pixel is lit: much of many views is dark, which is easy.
 LIT_RADIANCE = 0.01
 
 SIGHT_DEFINITIONS = {
     "vision.psnr_db": "PSNR of 8-bit sRGB on white, held-out cameras and lights, mean of views",
     "vision.psnr_foreground_db": "The same over the pixels that the object covers by at least half",
+    "vision.psnr_on_black_db": "Of thin glass: PSNR of the foreground of 8-bit sRGB on black, mean of views",
+    "vision.psnr_alpha_db": "Of thin glass: PSNR of the foreground's alpha, mean of views",
     "vision.psnr_foreground_worst_db": "The least of these views",
     "vision.psnr_lit_db": "The same over the lit of these pixels: a channel above 0.01, linear",
     "vision.ssim": "Structural similarity (Wang et al. 2004), Gaussian window of sigma 1.5, mean of views",
@@ -26,17 +32,25 @@ SIGHT_DEFINITIONS = {
 }
 
 
+def foreground_alpha(views: Product) -> float:
+    """Return the alpha from which on the object is taken to cover half of a pixel."""
+    thin = views.attributes["appearance"].get("glass") == THIN
+    return THIN_FOREGROUND_ALPHA if thin else FOREGROUND_ALPHA
+
+
 def held_out_truth(views: Product) -> tuple[np.ndarray, np.ndarray]:
     """Return the held-out views on white (n, h, w, 3) uint8 and their foreground masks (n, h, w)."""
     rgba = views["rgba"][views["held_out"]].astype(np.float32)
-    return on_white(rgba), rgba[..., 3] >= FOREGROUND_ALPHA
+    return on_white(rgba), rgba[..., 3] >= foreground_alpha(views)
 
 
 def lit_pixels(views: Product) -> np.ndarray:
     """Return the masks (n, h, w) of the foreground of held-out views that light reaches."""
     rgba = views["rgba"][views["held_out"]].astype(np.float32)
     alpha = rgba[..., 3]
-    return np.asarray((alpha >= FOREGROUND_ALPHA) & (rgba[..., :3].max(axis=-1) > LIT_RADIANCE * alpha))
+    return np.asarray(
+        (alpha >= foreground_alpha(views)) & (rgba[..., :3].max(axis=-1) > LIT_RADIANCE * alpha)
+    )
 
 
 def measure_within(truth: np.ndarray, within: np.ndarray, answer: np.ndarray) -> list[float]:
@@ -80,6 +94,40 @@ def measure_sight(truth: np.ndarray, foreground: np.ndarray, answer: np.ndarray)
         if not np.isfinite(row["psnr_foreground_db"]):
             row["psnr_foreground_db"] = None
     return {**means, "per_view": rows}
+
+
+def measure_glass(file: ObjectFile, views: Product) -> dict[str, float]:
+    """Compare what thin glass shows and hides, apart: on white its highlights are white on white.
+
+    Returns
+    -------
+    dict
+        ``psnr_on_black_db`` and ``psnr_alpha_db``: means of the foreground of held-out views. Empty for
+        opaque objects.
+    """
+    if file.vision.glass != THIN:
+        return {}
+    held_out = views["held_out"]
+    true, within = views["rgba"][held_out].astype(np.float32), held_out_truth(views)[1]
+    height, width = true.shape[1:3]
+    answer = file.render_linear(
+        file.frame.camera_to_object(views["camera_to_world"][held_out]),
+        file.frame.to_object(views["light_position"][held_out]),
+        resolution=(height, width),
+        field_of_view_deg=float(views.attributes["field_of_view_deg"]),
+    )
+
+    def shown(rgba: np.ndarray) -> np.ndarray:
+        return np.rint(255 * srgb_encode(rgba[..., :3]))
+
+    def hidden(rgba: np.ndarray) -> np.ndarray:
+        return np.rint(255 * rgba[..., 3:])
+
+    return {
+        f"psnr_{name}_db": float(np.mean(measure_within(part(true), within, part(answer))))
+        for name, part in (("on_black", shown), ("alpha", hidden))
+        if within.any()
+    }
 
 
 def measure_reflectance(file: ObjectFile, views: Product) -> dict[str, float]:

@@ -163,6 +163,7 @@ def _sight(
     summary = {
         **measured,
         **sight.measure_reflectance(file, views),
+        **sight.measure_glass(file, views),
         **measure_conditions(file, views),
         "noise_floor_db": views.attributes["noise_floor_db"],
         "trivial_psnr_db": trivial["psnr_db"],

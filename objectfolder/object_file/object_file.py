@@ -35,13 +35,14 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touch_queries import TouchQueries
 from objectfolder.touch.touchnet import TouchNet
+from objectfolder.vision.appearance import THIN
 from objectfolder.vision.network.sparse_grid import HALF_WIDTH
 from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 FORMAT = "objectfolder"
-# Of files whose sight is learned as a whole, and of those whose material is known.
-LEARNED, KNOWN = "3", "4"
+# Of files whose sight is learned as a whole, of those whose material is known, and of thin glass.
+LEARNED, KNOWN, GLASS = VERSIONS = "3", "4", "5"
 SURFACE_TOLERANCE_M = 1e-3
 REQUIRED = (
     "object",
@@ -281,10 +282,10 @@ class ObjectFile:
         if content.metadata.get("format") != FORMAT:
             raise FormatError(where, "a safetensors file, but not an Object File", "Build one from a mesh.")
         version = content.metadata.get("format_version")
-        if version not in (LEARNED, KNOWN):
+        if version not in VERSIONS:
             raise FormatError(
                 where,
-                f"Object File of version {version}, this program reads {LEARNED} and {KNOWN}",
+                f"Object File of version {version}, this program reads {', '.join(VERSIONS)}",
                 "Use the program that made it, or build it again.",
             )
         try:
@@ -342,6 +343,8 @@ class ObjectFile:
         ('objectfolder', '3')
         """
         version = KNOWN if self.vision.computed else LEARNED
+        if self.vision.glass == THIN:
+            version = GLASS  # programs that know nothing of it would draw it opaque
         metadata: dict[str, Any] = {"format": FORMAT, "format_version": version}
         stored = (*REQUIRED, *(key for key in PRESENT_IN_SOME if key in self.description))
         metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in stored})

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from objectfolder.errors import InputError
 from pipeline.dataset.project_files import MATERIALS
@@ -46,6 +46,8 @@ class DescribedObject:
         0..1 (default: the material's)
     metallic
         0..1 (default: the material's)
+    glass
+        thin: light passes its walls, as through a slab each; opaque: none does
     mass_kg
         mass in kilograms where it is known: a check, and the mass for simulators
     up
@@ -69,6 +71,7 @@ class DescribedObject:
     shell_m: float | None = None
     roughness: float | None = None
     metallic: float | None = None
+    glass: Literal["opaque", "thin"] = "opaque"
     mass_kg: float | None = None
     up: str | None = None
     decimate: int | None = None

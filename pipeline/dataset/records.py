@@ -157,11 +157,14 @@ def _unreadable(error: Exception) -> InputError:
 def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
     """Return what the stages read of an object: its record, and its material as sound and sight take it."""
     from objectfolder.audio.materials import CONTACT_RANGES
+    from objectfolder.vision.appearance import OPAQUE
 
-    appearance = {
+    appearance: dict[str, float | str] = {
         "roughness": material.roughness if record.roughness is None else record.roughness,
         "metallic": material.metallic if record.metallic is None else record.metallic,
     }
+    if record.glass != OPAQUE:  # opaque things have the records that they had before glass was told
+        appearance["glass"] = record.glass
     elsewhere = (*appearance, *CONTACT_RANGES, "citation", "contact_citation", "loss_citation")
     physical = {key: value for key, value in asdict(material).items() if key not in elsewhere}
     return {

@@ -194,6 +194,7 @@ def _record(building: Building, output: Path) -> "ObjectRecord":
         attribution=building.attribution,
         roughness=building.roughness,
         metallic=building.metallic,
+        glass=building.glass,
         wall_m=building.wall_m,
         shell_m=building.shell_m,
         mass_kg=building.mass_kg,

@@ -7,6 +7,7 @@ from objectfolder.mesh.body import body_of
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.simulators.parts_product import parts_of
+from objectfolder.vision.appearance import THIN
 from pipeline.dataset.task import Request, Timed
 
 DESCRIBED = ("name", "source", "licence", "attribution", "mass_kg")
@@ -28,7 +29,11 @@ def verify_object(request: Request) -> Timed:
             f"sight is learned from {np.count_nonzero(~views['held_out'])} views: "
             f"no map of base colours holds {len(encoded.surface.faces)} faces"
         )
-    if "glass" in record["material"]["name"].lower():
+    if encoded.vision.glass == THIN:
+        body["warnings"].append(
+            "glass is drawn with thin walls: light goes straight through each, and nothing is refracted"
+        )
+    elif "glass" in record["material"]["name"].lower():
         body["warnings"].append("glass is drawn opaque, as a glossy surface: no light passes through it")
     named = encoded.with_description(
         body=body,

@@ -1,3 +1,4 @@
+from objectfolder.vision.compiled.glass_images import GlassRenderer
 from objectfolder.vision.compiled.renderer import CompiledRenderer
 
-__all__ = ["CompiledRenderer"]
+__all__ = ["CompiledRenderer", "GlassRenderer"]

@@ -23,6 +23,8 @@ TOLERANCE = 1e-10
 # holds 96 nodes at most. By areas alone, triangles in a geometric series down to 1e-271 need 183 levels.
 HALVED_LEVEL = 64
 STACK = 128
+# Share of their distance within which a ray meets two front faces as one.
+ALIKE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,33 @@ class BoundingVolumes:
             stack, entry, face, barycentric,
         )  # fmt: skip
         return face, barycentric
+
+    def front_faces(
+        self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray, most: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the faces that rays meet from their front, the nearest first.
+
+        Parameters
+        ----------
+        origins, directions, reach
+            (n, 3), (n, 3), and the (n,) distances, in lengths of the directions, up to which faces count.
+        most
+            Faces of a ray; those beyond are left out.
+
+        Returns
+        -------
+        ray, face, barycentric
+            (m,) int64, (m,) int32 and (m, 3), ordered by ray.
+        """
+        face = np.empty((len(origins), most), dtype=np.int32)
+        place, count = np.empty((len(origins), most, 3)), np.zeros(len(origins), dtype=np.int64)
+        _front_faces(
+            self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions, reach,
+            np.empty(STACK, dtype=np.int32), face, place, count,
+        )  # fmt: skip
+        ray, rank = np.nonzero(np.arange(most) < count[:, None])
+        second, third = place[ray, rank, 1], place[ray, rank, 2]
+        return ray, face[ray, rank], np.stack([1 - second - third, second, third], axis=1)
 
     def occluded(self, origins: np.ndarray, target: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """Whether (n,) a face lies strictly between origins (n, 3) and target (3,) or (n, 3).
@@ -257,6 +286,59 @@ def _first_hits(
                         limit = np.float32(distance * (1 + 1e-6))
                         found[ray] = faces[position]
                         barycentric[ray, 0], barycentric[ray, 1], barycentric[ray, 2] = 1 - u - v, u, v
+
+
+@arrayless(kernel)
+def _front_faces(
+    boxes, children, counts, triangles, faces, origins, directions, reach, stack, found, place, number
+):
+    """Write what `BoundingVolumes.front_faces` parts: place (n, most, 3) is distance and two coordinates."""
+    most = found.shape[1]
+    for ray in range(len(origins)):
+        ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
+        dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+        ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+        fx, fy, fz, limit = np.float32(ox), np.float32(oy), np.float32(oz), np.float32(reach[ray])
+        stack[0], height = 0, 1
+        while height:
+            height -= 1
+            node = stack[height]
+            for side in range(2):
+                if _enter(boxes[node, side], fx, fy, fz, ix, iy, iz, limit) == np.inf:
+                    continue
+                child = children[node, side]
+                if child >= 0:
+                    stack[height] = child
+                    height += 1
+                    continue
+                for position in range(~child, ~child + counts[node, side]):
+                    t = triangles[position]
+                    nx, ny, nz = (
+                        t[4] * t[8] - t[5] * t[7],
+                        t[5] * t[6] - t[3] * t[8],
+                        t[3] * t[7] - t[4] * t[6],
+                    )
+                    if not nx * dx + ny * dy + nz * dz < 0.0:
+                        continue
+                    distance, u, v = _meet(t, ox, oy, oz, dx, dy, dz)
+                    if not distance < reach[ray]:
+                        continue
+                    # Along an edge of two faces a ray meets both at one distance, and counts it once.
+                    last, again = number[ray], False
+                    for rank in range(number[ray]):
+                        again |= abs(place[ray, rank, 0] - distance) <= ALIKE * distance
+                    if again:
+                        continue
+                    while last > 0 and place[ray, last - 1, 0] > distance:
+                        if last < most:
+                            found[ray, last] = found[ray, last - 1]
+                            for k in range(3):
+                                place[ray, last, k] = place[ray, last - 1, k]
+                        last -= 1
+                    if last < most:
+                        found[ray, last] = faces[position]
+                        place[ray, last, 0], place[ray, last, 1], place[ray, last, 2] = distance, u, v
+                        number[ray] = min(number[ray] + 1, most)
 
 
 @arrayless(kernel)

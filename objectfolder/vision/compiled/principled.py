@@ -19,6 +19,7 @@ from objectfolder.vision.network.directional_albedo import (
     reflected_by_dielectric,
     reflected_by_white,
 )
+from objectfolder.vision.network.thin_glass import index_of
 
 # Of a point: squared GGX width, cosine of the camera, factors of the matt base, of the coat's and (3) of the
 # metal's reflection, and the base colour (3).
@@ -40,7 +41,7 @@ class Principled:
 
     def __init__(self, specular: float, roughnesses: tuple[float, ...] = ()) -> None:
         upright = min(0.08 * specular, 0.999)
-        self._index = max((1 + math.sqrt(upright)) / (1 - math.sqrt(upright)), 1 + 1e-6)
+        self._index = index_of(specular)
         grid = roughnesses or tuple(np.linspace(0, 1, 32))
         self._white, self._mean = reflected_by_white(grid)
         self._rise = np.zeros((16, 16))
@@ -70,6 +71,19 @@ class Principled:
             points.normal, points.direction, base, roughness, metallic, self._white, self._mean, self._rise,
             self._upright, self._upright_mean, LEAST_ROUGHNESS, terms,
         )  # fmt: skip
+        return terms
+
+    def slab_terms(self, points: Points, reflectance: np.ndarray, roughness: np.ndarray) -> np.ndarray:
+        """Return the terms of surfaces that reflect a stated share (n, 3) of the camera's light, and no more.
+
+        What one reflection loses comes back as of a surface of this Fresnel factor.
+        """
+        whole = np.ones(len(roughness))
+        terms = self.terms(points, np.ones_like(reflectance), roughness, whole)
+        rough, lost = np.clip(roughness, 0, 1), terms[:, 4:7] - 1.0
+        all_round = np.interp(rough, np.linspace(0, 1, len(self._mean)), self._mean)[:, None]
+        again = reflectance * all_round / (1 - reflectance * (1 - all_round))
+        terms[:, 4:7] = reflectance * (1 + again * lost)
         return terms
 
     def reflected(

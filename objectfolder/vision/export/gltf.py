@@ -68,7 +68,8 @@ def write_glb(
     Parameters
     ----------
     appearance
-        Roughness and metallic factors; a specular level other than glTF's own is KHR_materials_specular.
+        Roughness and metallic factors; a specular level other than glTF's own is KHR_materials_specular, thin
+        glass KHR_materials_transmission.
     mipmaps
         Whether readers may use mip maps; blocks of an atlas would run into one another.
     extras
@@ -88,7 +89,7 @@ def write_glb(
         "scenes": [{"nodes": [0]}],
         "nodes": [{"name": name, "mesh": 0, "rotation": list(Z_UP_TO_Y_UP)}],
         "meshes": [{"name": name, "primitives": primitives}],
-        **({"extensionsUsed": ["KHR_materials_specular"]} if appearance.specular != 0.5 else {}),
+        **({"extensionsUsed": sorted(extensions)} if (extensions := _extensions(appearance)) else {}),
     })  # fmt: skip
 
 
@@ -170,9 +171,8 @@ def _material(glb: _Document, part: Part, appearance: Appearance) -> dict[str, A
     }
     # Scans have open and inverted faces, and the renderer shows both sides.
     material: dict[str, Any] = {"pbrMetallicRoughness": reflectance, "doubleSided": True}
-    if appearance.specular != 0.5:
-        specular = {"specularFactor": min(1.0, 2 * appearance.specular)}
-        material["extensions"] = {"KHR_materials_specular": specular}
+    if extensions := _extensions(appearance):
+        material["extensions"] = extensions
     if part.texture is not None:
         opaque = bool((part.texture[..., 3] == 255).all())
         reflectance["baseColorTexture"] = glb.texture(part.texture[..., :3] if opaque else part.texture)
@@ -186,6 +186,13 @@ def _material(glb: _Document, part: Part, appearance: Appearance) -> dict[str, A
     if part.normal_map is not None:
         material["normalTexture"] = glb.texture(part.normal_map)
     return material
+
+
+def _extensions(appearance: Appearance) -> dict[str, dict[str, float]]:
+    """Return what glTF's own model does not say of a material."""
+    specular = {"KHR_materials_specular": {"specularFactor": min(1.0, 2 * appearance.specular)}}
+    through = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
+    return (specular if appearance.specular != 0.5 else {}) | (through if appearance.thin else {})
 
 
 def _copyright(credit: Credit) -> dict[str, str]:

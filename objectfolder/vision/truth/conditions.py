@@ -16,6 +16,7 @@ from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.environment import named_map
 from objectfolder.vision.truth.coverage import with_cast_coverage
 from objectfolder.vision.truth.cycles_process import render_series
+from objectfolder.vision.truth.glass_alpha import with_alpha_apart
 from objectfolder.vision.truth.render_request import Scene, Shots
 
 # Pixels a side of the part of each image that is rendered.
@@ -111,10 +112,12 @@ def render_conditions(
         shots.append(Shots(
             np.tile(cameras, (2, 1, 1)), np.tile(lamps, (2, 1)), seeds, least, size, size, field_of_view_deg,
             light_power_w, threads=threads, environment=None if around is None else named_map(around),
-            most_samples=None if scene.has_holes else MOST_PATH_TIMES * least, parts=np.tile(parts, (2, 1)),
+            most_samples=None if scene.lets_through else MOST_PATH_TIMES * least,
+            parts=np.tile(parts, (2, 1)),
         ))  # fmt: skip
     images, attributes = [], {}
-    for name, shot, rendered in zip(names, shots, render_series(scene, shots), strict=True):
+    series = with_alpha_apart(scene, render_series(scene, shots), shots)
+    for name, shot, rendered in zip(names, shots, series, strict=True):
         covered = with_cast_coverage(
             scene, rendered, shot.camera_to_world, shot.seeds, shot.field_of_view_deg
         )

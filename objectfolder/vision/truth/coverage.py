@@ -20,8 +20,8 @@ def with_cast_coverage(
 ) -> np.ndarray:
     """Return rendered views with the alpha of pixels that the object covers in part cast anew.
 
-    The straight colour of a pixel stays. A texture's alpha is the renderer's to judge, so a scene with holes
-    stays as it is.
+    The straight colour of a pixel stays. A texture's alpha is the renderer's to judge, so a scene with
+    holes, or of thin glass, stays as it is.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def with_cast_coverage(
     seeds
         (n,) of the lattices of rays: equal views with other seeds are cast independently.
     """
-    if scene.has_holes:
+    if scene.lets_through:
         return rgba
     surface, offsets = Surface(scene.vertices, scene.faces), sub_ray_offsets(COVERAGE_RAYS)
     height, width = rgba.shape[1:3]

@@ -18,6 +18,7 @@ import numpy as np
 
 from objectfolder.child_process import end_with
 from objectfolder.errors import SimulationError
+from objectfolder.vision.truth.glass_nodes import make_thin_glass
 from objectfolder.vision.truth.render_request import (
     FACES_WITH_HOLES,
     NOISE_THRESHOLD,
@@ -55,8 +56,11 @@ def render(scene: Scene, shots: Shots) -> np.ndarray:
     with silenced_stdout(), tempfile.TemporaryDirectory(prefix="objectfolder-cycles-") as folder:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         _set_up_render(shots, os.path.join(folder, "view.exr"))
-        bpy.context.scene.cycles.transparent_max_bounces = FACES_WITH_HOLES if scene.has_holes else 0
-        _add_object(scene, folder)
+        bpy.context.scene.cycles.transparent_max_bounces = FACES_WITH_HOLES if scene.lets_through else 0
+        if scene.appearance.thin:
+            # Paths through glass would end by chance, and leave noise in alpha.
+            bpy.context.scene.cycles.min_transparent_bounces = FACES_WITH_HOLES
+        _add_object(scene, folder, alpha_alone=shots.alpha_alone)
         camera, light = _add_camera_and_light(shots)
         if shots.environment is not None:
             _surround(shots.environment)
@@ -147,7 +151,7 @@ def _surround(radiance: np.ndarray) -> None:
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", 1024
 
 
-def _add_object(scene: Scene, folder: str) -> None:
+def _add_object(scene: Scene, folder: str, *, alpha_alone: bool) -> None:
     import bpy
 
     points, normals, faces = split_at_creases(scene)
@@ -165,7 +169,7 @@ def _add_object(scene: Scene, folder: str) -> None:
     mesh.shade_smooth()
     mesh.attributes.new("custom_normal", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", normals.ravel())
     for index in range(len(scene.textures)):
-        mesh.materials.append(_material(scene, index, folder))
+        mesh.materials.append(_material(scene, index, folder, alpha_alone=alpha_alone))
     bpy.context.scene.collection.objects.link(bpy.data.objects.new("object", mesh))
 
 
@@ -182,7 +186,7 @@ def split_at_creases(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, normals[first], inverse.reshape(-1, 3).astype(np.int32)
 
 
-def _material(scene: Scene, index: int, folder: str) -> Any:
+def _material(scene: Scene, index: int, folder: str, *, alpha_alone: bool) -> Any:
     import bpy
 
     material = bpy.data.materials.new("surface")
@@ -210,19 +214,26 @@ def _material(scene: Scene, index: int, folder: str) -> Any:
             links.new(absent.outputs[0], present.inputs[1])
             alpha = present.outputs[0]
         links.new(alpha, shader.inputs["Alpha"])
+    roughness: Any = scene.appearance.roughness
     for name, maps in (("Roughness", scene.roughness_maps), ("Metallic", scene.metallic_maps)):
         if index in maps:
             node = _image_node(nodes, np.repeat(maps[index][..., None], 4, axis=2), "Non-Color", folder)
             split = nodes.new("ShaderNodeSeparateColor")
             links.new(node.outputs["Color"], split.inputs["Color"])
             links.new(split.outputs["Red"], shader.inputs[name])
+            roughness = split.outputs["Red"] if name == "Roughness" else roughness
+    normal = None
     if index in scene.normal_maps:
         image = scene.normal_maps[index]
         node = _image_node(nodes, np.dstack([image, np.full_like(image[..., 0], 255)]), "Non-Color", folder)
         bent = nodes.new("ShaderNodeNormalMap")
         bent.uv_map = "texture"
         links.new(node.outputs["Color"], bent.inputs["Color"])
-        links.new(bent.outputs["Normal"], shader.inputs["Normal"])
+        normal = bent.outputs["Normal"]
+        links.new(normal, shader.inputs["Normal"])
+    if scene.appearance.thin:
+        look = scene.appearance.specular, roughness, normal
+        make_thin_glass(material, base.outputs["Color"], *look, shines=not alpha_alone)
     return material
 
 

@@ -17,7 +17,7 @@ LIGHT_POWER_W = 12.0
 # Diffuse and glossy bounces off the object itself after the first hit. One matters; the fourth changes
 # an image by less than its noise.
 BOUNCES = 3
-# Faces that a path may pass through by their holes; the next one stops it.
+# Faces that a path may pass through by their holes or their glass; the next one stops it.
 FACES_WITH_HOLES = 64
 # Cycles' estimate of a pixel's error over the root of its radiance below which adaptive sampling ends it.
 NOISE_THRESHOLD = 0.003
@@ -65,6 +65,11 @@ class Scene:
     def has_holes(self) -> bool:
         """Whether a ray may pass through a face."""
         return any(bool((texture[..., 3] < 255).any()) for texture in self.textures)
+
+    @property
+    def lets_through(self) -> bool:
+        """Whether light may pass through a face: by a hole, or through thin glass."""
+        return self.has_holes or self.appearance.thin
 
 
 def unit_scene(mesh: TexturedMesh, appearance: Appearance, frame: UnitFrame) -> Scene:
@@ -115,6 +120,8 @@ class Shots:
     parts
         (n, 4) top, left, height and width in pixels of the part of each image that is rendered; the rest is
         left at 0. None renders all.
+    alpha_alone
+        Whether thin glass shows nothing, and alpha alone is to be taken from the images.
     """
 
     camera_to_world: np.ndarray
@@ -130,6 +137,7 @@ class Shots:
     environment: np.ndarray | None = None
     most_samples: int | None = None
     parts: np.ndarray | None = None
+    alpha_alone: bool = False
 
 
 def save_request(path: Path, scene: Scene, shots: Shots) -> None:

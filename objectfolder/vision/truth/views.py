@@ -24,6 +24,7 @@ from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.truth.conditions import render_conditions
 from objectfolder.vision.truth.coverage import with_cast_coverage
 from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.glass_alpha import with_alpha_apart
 from objectfolder.vision.truth.passes import Passes, cast_passes
 from objectfolder.vision.truth.render_request import BOUNCES, LIGHT_POWER_W, Scene, Shots, unit_scene
 
@@ -42,6 +43,10 @@ NOISE_FLOOR = (
 TRANSMISSION = (
     "none: glass and other clear materials are drawn as glossy opaque surfaces, for caustics of a point "
     "light cannot be path traced; light passes only through holes (alpha)"
+)
+THIN_TRANSMISSION = (
+    "thin walls: a ray that meets one from outside is reflected and absorbed as by a slab with two faces, "
+    "and the rest goes straight on, as do shadow rays; nothing is refracted, and alpha is what is kept"
 )
 # Share of the covered pixels above which clipping is worth a warning.
 CLIPPED_SHARE = 0.01
@@ -95,7 +100,7 @@ def simulate_views(
     Raises
     ------
     InputError
-        A count or size that is not positive.
+        A count or size that is not positive; thin glass whose surface is open.
     SimulationError
         Blender is missing or failed.
 
@@ -117,6 +122,8 @@ def simulate_views(
     for name, count in (("held_out_views", held_out_views), ("condition_views", condition_views)):
         if count < 0:
             raise InputError(f"views.{name}", f"{count} is negative", "Give 0 or more.")
+    if appearance.thin:
+        _require_closed(mesh)
     frame = UnitFrame.of_points(mesh.vertices[np.unique(mesh.faces)])
     scene = unit_scene(mesh, appearance, frame)
     *streams, other = np.random.SeedSequence(seed).spawn(3)
@@ -145,6 +152,15 @@ def _require_positive(**values: float) -> None:
             raise InputError(f"views.{name}", f"{value} is not positive", "Give a positive number.")
 
 
+def _require_closed(mesh: TexturedMesh) -> None:
+    """Refuse an open surface: a wall of glass lies between the face that a ray enters and another."""
+    if mesh.surface.edges.imbalance.any():
+        finding = "the surface is open, so that no wall of glass can be told from its inside"
+        raise InputError(
+            "appearance.glass", finding, "Close the mesh, give sheets two sides, or draw it opaque."
+        )
+
+
 def _rendered(
     scene: Scene, training: Drawn, held_out: Drawn, samples: tuple[int, int], how: tuple[Any, ...]
 ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -162,8 +178,9 @@ def _held_out_images(scene: Scene, drawn: Drawn, samples: int, how: tuple[Any, .
 
     Cycles ends a pixel by the noise of its colour and knows nothing of that of its alpha.
     """
-    if scene.has_holes:
-        return render_in_children(scene, Shots(*drawn, samples, *how))
+    if scene.lets_through:
+        exact = Shots(*drawn, samples, *how)
+        return with_alpha_apart(scene, [render_in_children(scene, exact)], [exact])[0]
     least, most = max(1, int(LEAST_SHARE * samples)), MOST_SHARE * samples
     shots = replace(Shots(*drawn, least, *how), most_samples=most)
     cameras, _, seeds = drawn
@@ -206,7 +223,7 @@ def _attributes(
         "background": "none: alpha 0; on white by compositing.on_white",
         "pixel_filter": "box of one pixel",
         "renderer": _renderer(),
-        "transmission": TRANSMISSION,
+        "transmission": THIN_TRANSMISSION if scene.appearance.thin else TRANSMISSION,
         "maps": {
             "roughness": len(mesh.roughness_maps),
             "metallic": len(mesh.metallic_maps),

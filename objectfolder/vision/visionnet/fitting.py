@@ -71,7 +71,7 @@ def fit_visionnet(
     Raises
     ------
     InputError
-        No training view shows the object; another word for a material.
+        No training view shows the object; another word for a material; thin glass that would be learned.
     """
     appearance = Appearance(**views.attributes["appearance"])
     scale = float(views.attributes["light_power_w"]) / (4 * np.pi**2)
@@ -81,6 +81,11 @@ def fit_visionnet(
     if material == "known" and Material(maps, appearance).states("albedo"):
         return VisionNet(surface, frame, None, {}, radiance_scale=scale, camera_radius=radius,
                          maps=maps, appearance=appearance)  # fmt: skip
+    if appearance.thin:
+        finding = "thin glass cannot be learned"
+        if material == "known":
+            finding = "the lattice of base colours has no room for the faces of this thin glass"
+        raise InputError("visionnet.material", finding, "Use known, a mesh of fewer faces, or opaque glass.")
     mirrors = shows_itself(appearance, surface) if mirrors is None else mirrors
     if training_sub_rays is None:
         alpha = views["rgba"][~views["held_out"]][..., 3]

@@ -15,7 +15,7 @@ from objectfolder.query_values import point_rows, require_room
 from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.appearance import GLASSES, OPAQUE, THIN, Appearance
 from objectfolder.vision.cameras import image_crop, image_size
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
@@ -34,7 +34,7 @@ from objectfolder.vision.rendering.view_query import (
 )
 
 if TYPE_CHECKING:
-    from objectfolder.vision.compiled import CompiledRenderer
+    from objectfolder.vision.compiled import CompiledRenderer, GlassRenderer
 
 PREFIX = "vision."
 MAP = "map."
@@ -85,6 +85,8 @@ class VisionNet:
     ----------
     computed
         Whether light is computed from the material, and nothing is learned.
+    glass
+        Whether it is ``"opaque"``, or glass with ``"thin"`` walls that light passes (`appearance.GLASSES`).
     radiance_scale, camera_radius, sub_rays
         As given.
     """
@@ -110,8 +112,11 @@ class VisionNet:
         self._grid = grid
         self._weights = dict(weights)
         self.computed = grid is None
+        self.glass = OPAQUE if appearance is None else appearance.glass
         self.radiance_scale = radiance_scale
-        self._renderer: CompiledRenderer | None = None
+        self._renderer: CompiledRenderer | GlassRenderer | None = None
+        if self.glass == THIN and grid is not None:
+            raise FormatError("vision", "thin glass that is learned", "Build it with material: known.")
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the arrays of an Object File, names beginning with ``vision.``."""
@@ -170,12 +175,14 @@ class VisionNet:
             appearance=appearance,
         )
 
-    def _rendering(self) -> "CompiledRenderer":
+    def _rendering(self) -> "CompiledRenderer | GlassRenderer":
         """Make the renderer at the first query: importing numba is slow."""
         if self._renderer is None:
-            from objectfolder.vision.compiled import CompiledRenderer
+            from objectfolder.vision.compiled import CompiledRenderer, GlassRenderer
 
-            if self._grid is None:
+            if self.glass == THIN:
+                self._renderer = GlassRenderer(self._surface, self._material, self.radiance_scale)
+            elif self._grid is None:
                 known = self._surface, self._material, self.radiance_scale
                 self._renderer = CompiledRenderer.of_material(*known)
             else:
@@ -315,7 +322,11 @@ def _appearance(said: Any) -> Appearance | None:
     if said is None:
         return None
     names = ("roughness", "metallic", "specular")
-    return Appearance(**{name: number(f"vision.appearance.{name}", said[name], 0, 1) for name in names})
+    values = {name: number(f"vision.appearance.{name}", said[name], 0, 1) for name in names}
+    glass = said.get("glass", OPAQUE)
+    if glass not in GLASSES or (glass == THIN and values["metallic"] > 0):
+        raise FormatError("vision.appearance.glass", f"{glass!r}, or of a metal", REMEDY)
+    return Appearance(**values, glass=glass)
 
 
 def _require_room(pixels: int, wanted: Collection[str], rays: int) -> None:

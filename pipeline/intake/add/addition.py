@@ -19,6 +19,7 @@ from objectfolder.mesh.walls import WallFinding, WallMeasures
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
+from objectfolder.vision.appearance import OPAQUE
 from pipeline.intake.add.add_request import AddRequest
 from pipeline.intake.add.source_copy import (
     Layout,
@@ -189,6 +190,7 @@ def _row(request: AddRequest, object_id: str, material: str, licence: str) -> di
         "attribution": request.attribution or "",
         "up": request.up or "",
         "senses": " ".join(request.senses) if request.silent else "",
+        "glass": "" if request.glass == OPAQUE else request.glass,
     }
     for column in ("roughness", "metallic", "wall_m", "shell_m", "mass_kg"):
         value = getattr(request, column)

@@ -36,7 +36,8 @@ SUMMARY = (
 LIMITS = (
     "Everything is simulated; no figure here compares with a measurement of a real object.",
     "Material constants are those of the table of materials, one set an object: isotropic, uniform, linear.",
-    "Glass and other clear materials are drawn as glossy opaque bodies.",
+    "Glass and other clear materials are drawn as glossy opaque bodies, or where the table says so with thin "
+    "walls that refract nothing.",
     "A container that was scanned solid rings like a solid unless its wall is stated in the table.",
     "The estimated error of a frequency is that of the elements, not of the mesh they were given.",
     "The gel of the tactile sensor is a model of its shape and lights; unless the parameters say elastic it "

@@ -8,6 +8,7 @@ import numpy as np
 
 from objectfolder.mesh.body import told_normals
 from objectfolder.object_file import ObjectFile
+from objectfolder.vision.appearance import THIN
 from pipeline.dataset.counts import counted
 from pipeline.dataset.measures import (
     CONDITION_LABELS,
@@ -27,13 +28,15 @@ def info_lines(file: ObjectFile, path: Path) -> list[str]:
     parts = ", ".join(f"{name} {count}" for name, count in file.bytes_by_part().items())
     silent = "no sound" if file.modes.absent else "no audible mode"
     sound = f"{counted(len(modes), 'mode')}, {modes[0]:.1f} to {modes[-1]:.1f} Hz" if len(modes) else silent
+    sight = "computed from the material" if file.vision.computed else "learned from views"
+    sight = "computed as thin glass" if file.vision.glass == THIN else sight
     return [
         f"{said['name']} ({said['id']}), {file.description['material']['name']}",
         f"licence      {said['licence']}; {said['attribution']}",
         f"size         {' x '.join(f'{side:.4g}' for side in np.ptp(file.surface.bounds, axis=0))} m",
         f"surface      {len(file.surface.faces)} triangles",
         *_body(file),
-        f"sight        {'computed from the material' if file.vision.computed else 'learned from views'}",
+        f"sight        {sight}",
         f"sound        {sound}",
         f"bytes        {path.stat().st_size} ({parts})",
         *fidelity_lines(file),
