@@ -12,7 +12,7 @@ from pipeline.dataset.stage import Stage
 MESH, TEXTURE, SOURCE, MATERIAL, ROW, RECORD = (
     "mesh", "texture", "source file", "material", "material row", "record",
 )  # fmt: skip
-PARAMETER, CODE, PACKAGE, SEED, TASK, UPSTREAM = "parameter", "code", "package", "seed", "task", "upstream"
+PARAMETER, CODE, PACKAGE, SEED, UPSTREAM = "parameter", "code", "package", "seed", "upstream"
 TOLERANCE, BYTES, CORRUPTED, MISLABELLED, UNREADABLE = (
     "tolerance", "bytes", "corrupted", "fingerprint", "unreadable",
 )  # fmt: skip

@@ -17,7 +17,7 @@ from pipeline.audit.findings import Audit, change, cost, counts, groups, names, 
 from pipeline.audit.history import GONE, ObjectVersion, Unreadable
 from pipeline.audit.recomputation import Remade
 from pipeline.audit.verification import Verified
-from pipeline.dataset.counts import counted
+from pipeline.dataset.counts import columns, counted
 from pipeline.dataset.lock_file import MD5
 from pipeline.dataset.measures import BYTES, HEADLINE
 
@@ -122,7 +122,7 @@ def _rendered(template: str, width: int, **context: object) -> str:
         )
 
     environment.filters |= {
-        "wrapped": wrapped, "columns": _columns, "measured": _measured, "names": names, "numbered": numbered,
+        "wrapped": wrapped, "columns": columns, "measured": _measured, "names": names, "numbered": numbered,
         "counted": counted, "size": decimal, "change": change,
     }  # fmt: skip
     text = environment.get_template(f"{template}.txt.j2").render(context)
@@ -132,15 +132,3 @@ def _rendered(template: str, width: int, **context: object) -> str:
 def _measured(fidelity: Mapping[str, float]) -> str:
     keys = (key for key in SHOWN if key in fidelity)
     return ", ".join(f"{key} {value(key, fidelity[key])} {MEASURES[key].unit}".rstrip() for key in keys)
-
-
-def _columns(rows: Sequence[Sequence[str]], texts: int) -> str:
-    """Return rows as lines; the first columns are texts, the others numbers."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if index < texts else cell.rjust(width)
-            for index, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    )

@@ -1,6 +1,7 @@
 """Commands for one object: build, info, sample, render, strike, press, modes, fit-sound, view."""
 
 import json as json_text
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -51,15 +52,16 @@ def build(
     output
         the Object File (.safetensors)
     yes
-        build an object of a doubtful size (1 m or more without --length, 100 kg) without a question
+        build also an object of a doubtful size (1 m or more without --length, 100 kg)
     """
     import objectfolder
-    from pipeline.cli.doubtful_size import confirm_size
+    from pipeline.run.doubtful_size import COMMAND, refuse_doubtful_size
     from pipeline.run.single_build import build_object_file
 
     check_new_file(output, overwrite=overwrite)
     with on_interrupt(RESUMED):
-        built = build_object_file(request, output, None if yes else confirm_size)
+        confirm = None if yes else partial(refuse_doubtful_size, words=COMMAND)
+        built = build_object_file(request, output, confirm)
     if json:
         figures = {
             "file": str(output),

@@ -2,7 +2,7 @@
 
 ``$XDG_CACHE_HOME/objectfolder/builds`` (by default below ``~/.cache``) has a folder for each mesh and Object
 File: what the stages made so far. A build that succeeds removes its own. Each build first removes those that
-were not touched for `MOST_DAYS`, and then those longest untouched until the rest fits into `MOST_BYTES`.
+were not touched for `MOST_DAYS`.
 """
 
 import contextlib
@@ -16,10 +16,8 @@ from platformdirs import user_cache_path
 
 from objectfolder.errors import InputError
 from pipeline.run.exclusive import exclusive, owner
-from pipeline.store.storage import excess
 
 MOST_DAYS = 30.0
-MOST_BYTES = 2 << 30
 
 
 @contextlib.contextmanager
@@ -49,13 +47,10 @@ def unfinished_build(mesh: Path, output: Path) -> Iterator[Path]:
 
 
 def _prune(builds: Path, own: Path) -> None:
-    """Remove other builds that are old, and those longest untouched until the rest fits the cap."""
-    entries = []
+    """Remove other builds that are old."""
+    oldest = time.time() - 86_400 * MOST_DAYS
     for folder in builds.iterdir():
         with contextlib.suppress(FileNotFoundError):  # another build prunes too
-            size = sum(path.lstat().st_size for path in folder.rglob("*"))
-            entries.append(((folder / ".objectfolder").stat().st_mtime, size, folder))
-    oldest = time.time() - 86_400 * MOST_DAYS
-    for folder in {*(path for touched, _, path in entries if touched < oldest), *excess(entries, MOST_BYTES)}:
-        if folder != own and owner(folder) is None:
-            shutil.rmtree(folder, ignore_errors=True)
+            touched = (folder / ".objectfolder").stat().st_mtime
+            if touched < oldest and folder != own and owner(folder) is None:
+                shutil.rmtree(folder, ignore_errors=True)

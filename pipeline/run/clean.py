@@ -15,7 +15,7 @@ from objectfolder.errors import InputError
 from objectfolder.products.atomic import PARTIAL
 from pipeline.dataset.git_index import tracked_files
 from pipeline.dataset.lock_file import LOCK, read_lock
-from pipeline.dataset.products import PLAYERS, STATE, ProductKind
+from pipeline.dataset.products import PLAYERS, STATE
 from pipeline.dataset.stages import STAGES
 from pipeline.run import run_record
 from pipeline.run.damage import SET_ASIDE
@@ -26,28 +26,6 @@ LONGEST_LIST = 5  # paths of a kind that are named
 DVC_HINT = (
     "DVC's cache is not touched. To drop versions that no commit needs: dvc gc --workspace --all-commits"
 )
-
-
-@dataclass(frozen=True)
-class Removable:
-    """A kind of file that may be removed, and the paths of that kind."""
-
-    kind: str
-    why: str
-    paths: tuple[Path, ...]
-
-    @property
-    def size_bytes(self) -> int:
-        """Bytes on disk of all of it."""
-        return sum(map(_size, self.paths))
-
-    def remove(self) -> None:
-        """Remove all of it, as far as that is allowed."""
-        for path in self.paths:
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,32 +74,25 @@ def clean_data_set(root: Path, *, remove: bool = False) -> CleanSummary:
     if holder is not None:
         raise InputError(str(root), f"in use by {holder}", "Wait until it has ended, or end it.")
     with exclusive(root, "clean"):
-        found = [entry for entry in removable(root) if entry.paths]
-        kinds = tuple(
-            FilesOfKind(
-                kind=entry.kind,
-                why=entry.why,
-                bytes=entry.size_bytes,
-                paths=tuple(
-                    str(path.relative_to(root) if path.is_relative_to(root) else path) for path in entry.paths
-                ),
-            )
-            for entry in found
-        )
-        if remove:
-            for entry in found:
-                entry.remove()
+        kinds = tuple(entry for entry in removable(root) if entry.paths)
+        for path in (root / path for entry in kinds for path in entry.paths if remove):
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
     return CleanSummary(
         kinds=kinds, bytes=sum(entry.bytes for entry in kinds), removed=remove and bool(kinds)
     )
 
 
-def removable(root: Path) -> list[Removable]:
+def removable(root: Path) -> list[FilesOfKind]:
     """Return what may be removed, by kind; a kind may have no paths."""
     protected = _protected(root)
 
-    def entry(kind: str, why: str, paths: Iterable[Path]) -> Removable:
-        return Removable(kind, why, tuple(path for path in sorted(paths) if not protected(path)))
+    def entry(kind: str, why: str, paths: Iterable[Path]) -> FilesOfKind:
+        free = [path for path in sorted(paths) if not protected(path)]
+        names = (str(path.relative_to(root) if path.is_relative_to(root) else path) for path in free)
+        return FilesOfKind(kind=kind, why=why, bytes=sum(map(_size, free)), paths=tuple(names))
 
     return [
         entry("half-written files", "left by a process that was killed", _partial_files(root)),
@@ -137,14 +108,10 @@ def removable(root: Path) -> list[Removable]:
 
 
 def _partial_files(root: Path) -> Iterator[Path]:
-    for kind in _kinds():
+    for kind in (kind for stage in STAGES.values() for kind in stage.products):
         yield from (root / kind.folder).glob(f".*{PARTIAL}")
     for folder in (root / "runs", root / "reports", root / STATE):
         yield from folder.rglob(f".*{PARTIAL}")
-
-
-def _kinds() -> list[ProductKind]:
-    return [kind for stage in STAGES.values() for kind in stage.products]
 
 
 def _protected(root: Path) -> Callable[[Path], bool]:

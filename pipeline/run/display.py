@@ -1,4 +1,4 @@
-"""What those who wait see: a drawing on a terminal, a line now and then in a log."""
+"""What those who wait see: a line beside a spinner on a terminal, now and then in a log."""
 
 import sys
 import threading
@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
 
 LOG_INTERVAL_S = 30.0
 
@@ -19,8 +19,6 @@ class Display:
     ----------
     line
         Returns the state in a line.
-    drawing
-        Returns what a terminal shows (default: the line, beside a spinner).
     stream
         Where to (default: standard error).
     delay_s
@@ -30,11 +28,10 @@ class Display:
     def __init__(
         self,
         line: Callable[[], str],
-        drawing: "Callable[[], RenderableType] | None" = None,
         stream: TextIO | None = None,
         delay_s: float = 0.0,
     ) -> None:
-        self._line, self._drawing, self._delay_s = line, drawing, delay_s
+        self._line, self._delay_s = line, delay_s
         self._stream = stream or sys.stderr
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._show, daemon=True)
@@ -45,7 +42,7 @@ class Display:
             self._thread.start()
 
     def stop(self) -> None:
-        """End it; the drawing is erased, lines stay."""
+        """End it; the line on a terminal is erased, those of a log stay."""
         self._stopped.set()
         if self._thread.ident:
             self._thread.join()
@@ -85,10 +82,10 @@ class Display:
 
         screen = sys.stdout.isatty()  # output to a file must not appear on the terminal
         with Live(
-            get_renderable=self._drawing or beside_spinner,
+            get_renderable=beside_spinner,
             console=console,
             transient=True,
             redirect_stdout=screen,
-            refresh_per_second=1 if self._drawing else 8,
+            refresh_per_second=4,
         ):
             self._stopped.wait()

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from objectfolder.errors import InputError
 from pipeline.dataset.described_object import DescribedObject
 
 if TYPE_CHECKING:
@@ -54,16 +55,30 @@ def clean_mesh(described: DescribedObject) -> "TexturedMesh":
     return clean(load_mesh(described.mesh, with_textures=False, up=described.up), str(described.mesh))[0]
 
 
-def doubts_before_building(described: DescribedObject, material: "Material") -> list[str]:
-    """Return `size_doubts` of a mesh as its file is, and the pieces that decide its size."""
+COMMAND = ("--length", "--mass", "--material", "--yes")
+CALL = ("length_m", "mass_kg", "material", "any_size=True")
+"""What states length, mass and material of a build, and that any size is meant."""
+
+
+def refuse_doubtful_size(
+    described: DescribedObject, material: "Material", words: tuple[str, str, str, str]
+) -> None:
+    """Raise `InputError` where size or mass is doubtful, or where pieces decide the size.
+
+    Parameters
+    ----------
+    words
+        `COMMAND` or `CALL`, by which the remedy names what to give.
+    """
     from objectfolder.mesh.ingest import debris
 
     mesh = clean_mesh(described)
-    return [*debris(mesh), *size_doubts(mesh, described, material)]
-
-
-def size_remedy(described: DescribedObject, length: str, mass: str, material: str) -> str:
-    """Return what to do about a doubtful size, by the names of what states length, mass and material."""
+    if not (doubts := [*debris(mesh), *size_doubts(mesh, described, material)]):
+        return
+    length, mass, of_material, any_size = words
+    remedy = f"Correct {length} or {of_material}"
     if described.mass_kg is not None:
-        return f"Correct {mass}, {length} or {material}"
-    return f"State {length} in metres" if described.length_m is None else f"Correct {length} or {material}"
+        remedy = f"Correct {mass}, {length} or {of_material}"
+    elif described.length_m is None:
+        remedy = f"State {length} in metres"
+    raise InputError(str(described.mesh), "; ".join(doubts), f"{remedy}, or give {any_size}.")

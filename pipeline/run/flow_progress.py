@@ -1,17 +1,13 @@
-"""Progress of running stages: one bar on a terminal, a line now and then in a log."""
+"""Progress of running stages: a line on a terminal, and now and then in a log."""
 
 import sys
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 from pipeline.run.display import Display
-
-if TYPE_CHECKING:
-    from rich.console import Group
-
 
 PRIOR = 0.02  # share of the expected seconds that counts as needed as expected, before any task ended
 LEAST = 0.05  # of what running tasks have used, that they go on to use at least
@@ -45,7 +41,7 @@ class FlowProgress:
         self._busy, self._total = 0, 1
         self._running_s, self._last_s = 0.0, clock()  # seconds of tasks that run, up to the last look
         self._lock = threading.Lock()
-        self._display = Display(self.line, self._bar, self._stream)
+        self._display = Display(self.line, self._stream)
 
     def expect(self, stage: str, object_id: str, seconds: float) -> None:
         """Count an object as left in a stage; its task is expected to take so long."""
@@ -118,16 +114,6 @@ class FlowProgress:
     def _shares(self) -> list[str]:
         counts = ((stage, outcomes.total()) for stage, outcomes in self._outcomes.items())
         return [f"{stage} {done}/{done + len(self._left[stage])}" for stage, done in counts]
-
-    def _bar(self) -> "Group":
-        from rich.console import Group
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-
-        state = self.state()
-        bar = Table.grid(padding=(0, 2))
-        bar.add_row(ProgressBar(state[1] + state[2], state[2], width=24), self._status(*state))
-        return Group(bar, " | ".join(self._shares()))
 
 
 def duration(seconds: float) -> str:

@@ -1,15 +1,13 @@
 """The entry point by which `objectfolder.build` reaches the factory."""
 
 import warnings
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from objectfolder.errors import InputError
-from pipeline.run.doubtful_size import doubts_before_building, size_remedy
+from pipeline.run.doubtful_size import CALL, refuse_doubtful_size
 from pipeline.run.single_build import Building, build_object_file
-
-if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material
 
 
 def build(
@@ -24,7 +22,7 @@ def build(
     overwrite
         Replace an `output` that is there already.
     any_size
-        Build also an object whose size is doubtful (`doubts_before_building`).
+        Build also an object whose size is doubtful (`refuse_doubtful_size`).
     **description
         Fields of `Building`.
 
@@ -37,14 +35,7 @@ def build(
         raise InputError(str(output), "is a folder", "Name a file.")
     if output.exists() and not overwrite:
         raise InputError(str(output), "is there already", "Name another file, or give overwrite=True.")
-    built = build_object_file(
-        Building(mesh, **description), output, None if any_size else _refuse_doubtful_size
-    )
+    confirm = None if any_size else partial(refuse_doubtful_size, words=CALL)
+    built = build_object_file(Building(mesh, **description), output, confirm)
     for warning in built.warnings:
         warnings.warn(warning, stacklevel=4)  # at the caller of `objectfolder.build`
-
-
-def _refuse_doubtful_size(building: Building, material: "Material") -> None:
-    if doubts := doubts_before_building(building, material):
-        remedy = size_remedy(building, "length_m", "mass_kg", "material")
-        raise InputError(str(building.mesh), "; ".join(doubts), f"{remedy}, or give any_size=True.")

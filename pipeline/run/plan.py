@@ -19,6 +19,7 @@ from pathlib import Path
 from rich.filesize import decimal
 
 from pipeline.cluster.places import Place, read_place
+from pipeline.dataset.counts import columns, counted
 from pipeline.dataset.parameters import ObjectsParameters, Parameters, read_parameters
 from pipeline.dataset.records import read_table
 from pipeline.dataset.selection import read_selection
@@ -99,24 +100,20 @@ class Plan:
     machines: Machines
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.objects} object{'s' * (self.objects != 1)}, size {self.size}",
-            "",
-            f"{'stage':<10}{'kept':>8}{'restored':>10}{'compute':>9}{'CPU time':>12}{'peak memory':>13}"
-            f"{'products':>11}",
-        ]
-        for name, one in self.stages.items():
-            lines.append(
-                f"{name:<10}{one.kept:>8}{one.restored:>10}{one.computed:>9}{duration(one.cpu_s):>12}"
-                f"{decimal(one.memory_bytes):>13}{decimal(one.product_bytes):>11}"
-            )
+        head = ("stage", "kept", "restored", "compute", "CPU time", "peak memory", "products")
+        rows = [
+            (name, *map(str, (one.kept, one.restored, one.computed)), duration(one.cpu_s),
+             decimal(one.memory_bytes), decimal(one.product_bytes))
+            for name, one in self.stages.items()
+        ]  # fmt: skip
         cpu_s = sum(one.cpu_s for one in self.stages.values())
         made_bytes = sum(one.product_bytes for one in self.stages.values())
-        lines += [f"{'all':<10}{'':>27}{duration(cpu_s):>12}{'':>13}{decimal(made_bytes):>11}", ""]
+        rows.append(("all", "", "", "", duration(cpu_s), "", decimal(made_bytes)))
+        lines = [f"{counted(self.objects, 'object')}, size {self.size}", "", *columns([head, *rows]), ""]
         for number, wall in self.wall.items():
             here = " (this place)" if number == self.machines.workers else ""
             lines.append(
-                f"{number} worker{'s' * (number > 1)}{here}: about {duration(wall.expected_s)},"
+                f"{counted(number, 'worker')}{here}: about {duration(wall.expected_s)},"
                 f" at least {duration(wall.at_least_s)}"
             )
         chain = f"No number of workers is faster than {duration(self.chain_s)}"

@@ -14,6 +14,7 @@ from typing import Any
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.provenance import canonical_json, fingerprint
+from pipeline.dataset.counts import columns
 from pipeline.dataset.differences import Reason, differences
 from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import Parameters, read_parameters
@@ -169,10 +170,9 @@ def table(statuses: Sequence[Status]) -> str:
     """Return counts of every stage, and reasons, objects that share one together."""
     stages = list(dict.fromkeys(one.stage for one in statuses))
     shown = [state for state in STATES if any(one.state == state for one in statuses)] or [CURRENT]
-    lines = ["stage".ljust(12) + "".join(state.rjust(10) for state in shown)]
     counts = Counter((one.stage, one.state) for one in statuses)
-    for stage in stages:
-        lines.append(stage.ljust(12) + "".join(str(counts[stage, one] or "").rjust(10) for one in shown))
+    rows = [(stage, *(str(counts[stage, state] or "") for state in shown)) for stage in stages]
+    lines = columns([("stage", *shown), *rows])
     reasons: dict[tuple[str, str], list[str]] = defaultdict(list)
     doubts: dict[tuple[str, str], list[str]] = defaultdict(list)
     for one in statuses:

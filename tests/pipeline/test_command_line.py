@@ -1,6 +1,5 @@
 """The `objectfolder` command as a user types it."""
 
-import contextlib
 import errno
 import io
 import json
@@ -30,11 +29,11 @@ from objectfolder.errors import FormatError, InputError
 from objectfolder.products.store import Product, read_product
 from objectfolder.surface.surface import Surface
 from pipeline.cli import COMMANDS, application, command_name, main
-from pipeline.cli.doubtful_size import confirm_size
 from pipeline.cli.examples import EXAMPLES
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.project_files import MATERIALS
 from pipeline.run.converge import Summary
+from pipeline.run.doubtful_size import COMMAND, refuse_doubtful_size
 from pipeline.run.single_build import Building, Built
 from pipeline.run.stage_run import StageRun
 from tests.conftest import REPOSITORY
@@ -524,36 +523,17 @@ def test_a_file_is_replaced_only_where_that_is_asked_for(
         ),
     ],
 )
-def test_a_doubtful_size_is_refused_without_a_terminal(
+def test_a_doubtful_size_is_refused(
     sides: tuple[float, float, float], length_m: float | None, words: str | None, tmp_path: Path
 ) -> None:
     trimesh.creation.box(sides).export(tmp_path / "box.stl")
     building = Building(mesh=tmp_path / "box.stl", material="steel", length_m=length_m)
     if words is None:
-        confirm_size(building, STEEL)
+        refuse_doubtful_size(building, STEEL, COMMAND)
         return
     with pytest.raises(InputError) as error:
-        confirm_size(building, STEEL)
+        refuse_doubtful_size(building, STEEL, COMMAND)
     assert str(error.value).endswith(words)
-
-
-@pytest.mark.parametrize(("answer", "is_built"), [("y\n", True), ("\n", False)])
-def test_a_doubtful_size_is_asked_about_on_a_terminal(
-    answer: str,
-    is_built: bool,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    trimesh.creation.box((2.0, 0.1, 0.02)).export(tmp_path / "box.stl")
-    building = Building(mesh=tmp_path / "box.stl", material="steel")
-    terminal = io.StringIO(answer)
-    for stream in (terminal, sys.stderr):
-        monkeypatch.setattr(stream, "isatty", lambda: True)
-    monkeypatch.setattr(sys, "stdin", terminal)
-    with contextlib.nullcontext() if is_built else pytest.raises(InputError):
-        confirm_size(building, STEEL)
-    assert capsys.readouterr().err.endswith("2 m long by the file, as if normalised. Build it? [y/N] ")
 
 
 @pytest.mark.parametrize(
@@ -565,17 +545,17 @@ def test_a_doubtful_size_is_asked_about_on_a_terminal(
         ("v 9 9 9\nv 9 9 8.9999\nv 9 8.9999 9\nf 9 10 11", None, "without them it is 0.12 m"),
     ],
 )
-def test_what_no_face_uses_has_no_size_and_specks_are_asked_about(
+def test_what_no_face_uses_has_no_size_and_specks_are_refused(
     stray: str, mass_kg: float | None, words: str | None, tmp_path: Path
 ) -> None:
     box = trimesh.creation.box((0.12, 0.02, 0.02))
     (tmp_path / "box.obj").write_text(f"{box.export(file_type='obj')}\n{stray}\n")
     building = Building(mesh=tmp_path / "box.obj", material="steel", mass_kg=mass_kg)
     if words is None:
-        confirm_size(building, STEEL)
+        refuse_doubtful_size(building, STEEL, COMMAND)
         return
     with pytest.raises(InputError, match=words):
-        confirm_size(building, STEEL)
+        refuse_doubtful_size(building, STEEL, COMMAND)
 
 
 def test_a_folder_is_no_object_file(

@@ -18,7 +18,6 @@ from objectfolder.products.store import Product, write_product
 from pipeline.dataset.measures import IN_CONDITIONS, REPORTED, Measure, number_at
 from pipeline.publish.report.charts import WIDTH, histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import MeasuredObject
-from pipeline.publish.report.sounds import recursions
 from pipeline.publish.report.summary import MeasureSummary, object_table, summaries
 from pipeline.publish.report.templates import (
     MINUS,
@@ -32,6 +31,7 @@ from pipeline.publish.report.templates import (
     web_link,
 )
 from pipeline.publish.report.writing import write_report
+from pipeline.publish.viewer.recursions import recursions
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""
 

@@ -180,7 +180,7 @@ def test_command(workshop, monkeypatch, capsys):
     monkeypatch.chdir(workshop.root)
     monkeypatch.setattr(status_module.status, "__defaults__", (workshop.stages, None, None))
     assert main(["status"]) == 0
-    assert "objects              2" in capsys.readouterr().out
+    assert "objects          2" in capsys.readouterr().out
     workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
     assert main(["status", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)

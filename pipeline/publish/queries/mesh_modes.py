@@ -12,7 +12,7 @@ from objectfolder.audio.damping import LOSS_FACTOR
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
-from pipeline.dataset.counts import counted
+from pipeline.dataset.counts import columns, counted
 from pipeline.publish.queries.requests import ModesOfMesh
 
 POINTS = 8  # with mode shapes; the command shows none
@@ -114,22 +114,9 @@ def _stored_modes(file: ObjectFile) -> dict[str, Any]:
     }
 
 
-def _columns(shown: dict[str, list[float | None]]) -> list[str]:
-    """Return the lines of numbered rows under their names, aligned to the right."""
-    count = len(next(iter(shown.values())))
-    cells = [["", *map(str, range(count))]]
-    cells += [
-        [name, *("unknown" if value is None else _cell(name, value) for value in values)]
-        for name, values in shown.items()
-    ]
-    widths = [max(map(len, column)) for column in cells]
-    return [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        for row in zip(*cells, strict=True)
-    ]
-
-
-def _cell(name: str, value: float) -> str:
+def _cell(name: str, value: float | None) -> str:
+    if value is None:
+        return "unknown"
     return f"{value:.2g}" if name == "loss_factors" else f"{value:.2f}"
 
 
@@ -145,9 +132,11 @@ def modes_table(result: dict[str, Any]) -> str:
     count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
     lines = [f"{counted(count, 'mode')} below {limit_hz:.0f} Hz in {result['material']}"]
     if count:
-        columns = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
-        shown = {name: result[name] for name in columns if name in result}
-        lines += _columns(shown)
+        names = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
+        names = tuple(name for name in names if name in result)
+        rows = zip(*([_cell(name, value) for value in result[name]] for name in names), strict=True)
+        numbered = [(str(number), *row) for number, row in enumerate(rows)]
+        lines += columns([("", *names), *numbered], texts=0)
     lines.append(_damping_line(result["damping"], result["radiation_dampings_per_s"]))
     if "count_certificate" not in result:
         cents = result["error_estimate_cents"]

@@ -12,7 +12,7 @@ import numpy as np
 from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
-from pipeline.dataset.counts import counted
+from pipeline.dataset.counts import columns, counted
 from pipeline.publish.queries.requests import FittingOfSound
 
 # Of the highest partial, up to which modes are solved: an object may be softer than the table says.
@@ -175,20 +175,18 @@ def _estimate(estimate: Any) -> dict[str, Any]:
 
 def fit_lines(result: Mapping[str, Any]) -> str:
     """Return the result of `fit_sounds` for people."""
-    lines = [
-        f"{'partial Hz':>11}{'in':>4}{'spread':>8}{'mode Hz':>11}{'before':>9}{'after':>8}"
-        "  decay 1/s (spread)"
-    ]
-    lines += [
-        f"{row['partial_hz']:11.2f}{row['recordings']:4d}{row['spread_cents']:8.2f}{row['mode_hz']:11.2f}"
-        f"{row['cents_before']:9.1f}{row['cents']:8.1f}  "
-        + (
+    head = ("partial Hz", "in", "spread", "mode Hz", "before", "after", "decay 1/s (spread)")
+    rows = [
+        (
+            f"{row['partial_hz']:.2f}", str(row["recordings"]), f"{row['spread_cents']:.2f}",
+            f"{row['mode_hz']:.2f}", f"{row['cents_before']:.1f}", f"{row['cents']:.1f}",
             f"{row['decay_per_s']:.1f} ({row['decay_spread_per_s']:.1f})"
             if row["decay_is_measured"]
-            else "not measured"
+            else "not measured",
         )
         for row in result["matched"]
-    ]
+    ]  # fmt: skip
+    lines = columns([head, *rows], texts=0)
     count = len(result["matched"])
     alone, unheard = result["unmatched_partials_hz"], result["unheard_modes_hz"]
     lines.append(

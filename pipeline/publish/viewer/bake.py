@@ -17,12 +17,14 @@ import numpy as np
 from objectfolder.audio.audionet.audionet import AudioNet, control_barycentric
 from objectfolder.errors import FormatError
 from objectfolder.fidelity.sheets import webp
+from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.export.base_colour import network_colour
 from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.studio import STUDIOS
 from pipeline.publish.viewer import FORMAT
+from pipeline.publish.viewer.recursions import recursions
 
 # Gains are one byte each; this many keep an object's script within its budget.
 MOST_GAINS = 190_000
@@ -100,13 +102,15 @@ def stored_places(file: ObjectFile) -> Places:
 
 
 def baked_sound(modes: AudioNet, points: np.ndarray) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return modes for the header, and their gains at places."""
+    """Return modes for the header, as pages make them sound, and their gains at places."""
     header: dict[str, Any] = {
-        "eigenvalues": modes.eigenvalues.tolist(),
+        "frequencies_hz": modes.frequencies_hz.tolist(),
         "dampings_per_s": modes.dampings_per_s.tolist(),
+        "sample_rate_hz": SAMPLE_RATE_HZ,
     }
     if not len(modes.eigenvalues):
         return header, {}
+    header["recursions"] = recursions(modes.eigenvalues, modes.dampings_per_s).tolist()
     gains = modes.gains(points)
     scale = np.maximum(np.abs(gains).max(axis=(0, 1), initial=0.0), 1e-300) / GAIN_STEPS
     return header | {"gain_steps": scale.tolist()}, {

@@ -1,13 +1,12 @@
 """A page and what answers it, served to the browser of this machine; and the page of Object Files.
 
 It listens on 127.0.0.1. Requests under any other name of host are refused, so that no page of the web
-reaches it through a name that points here, and so are those that another page's script sends. Where other
-people are at work on the machine, the address has a token, which every question must bring.
+reaches it through a name that points here, and so are those that another page's script sends. The address
+has a token, which every question must bring: other people may be at work on the machine.
 Nothing is read from disk by a path that a request names.
 """
 
 import asyncio
-import contextlib
 import hmac
 import json
 import os
@@ -34,7 +33,6 @@ from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS, object_files_of
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
 TOKEN = "token"
-FIRST_USER, NOBODY = 1000, 65_534  # ids of people on Linux
 IMAGE_THREADS = 4  # as many parts as the page asks for at once
 STYLES = ("player.css", "live.css")
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
@@ -241,15 +239,6 @@ def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:
     serve_until_stopped(paths[0], page_of_objects(LiveObjects(files)), port, open_browser)
 
 
-def is_shared() -> bool:
-    """Return whether other people are at work on this machine: whether processes of theirs run."""
-    users = set()
-    for entry in os.scandir("/proc"):
-        with contextlib.suppress(OSError):  # it has ended
-            users.add(entry.stat().st_uid)
-    return any(FIRST_USER <= user < NOBODY for user in users - {os.getuid()})
-
-
 def one_thread_each() -> None:
     """Let libraries compute each answer on one core: it is small, and waiting threads would only delay it.
 
@@ -268,7 +257,7 @@ def serve_until_stopped(subject: Path, page: Page, port: int, open_browser: bool
     InputError
         A port that cannot be had.
     """
-    server = Server(page, port, secrets.token_urlsafe(16) if is_shared() else "")
+    server = Server(page, port, secrets.token_urlsafe(16))
 
     async def serve() -> None:
         stopped = asyncio.Event()

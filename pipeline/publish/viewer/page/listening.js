@@ -32,19 +32,11 @@
   function lastWav() {
     const { lastBuffer, lastGain } = viewer;
     const samples = lastBuffer.getChannelData(0);
-    const wav = new DataView(new ArrayBuffer(44 + 2 * samples.length));
-    const text = (at, letters) => [...letters].forEach((letter, index) => wav.setUint8(at + index, letter.charCodeAt(0)));
-    const rate = Math.round(lastBuffer.sampleRate);
-    text(0, "RIFF");
-    wav.setUint32(4, 36 + 2 * samples.length, true);
-    text(8, "WAVEfmt ");
-    [[16, 4], [1, 2], [1, 2], [rate, 4], [2 * rate, 4], [2, 2], [16, 2]].reduce((at, [value, bytes]) => {
-      if (bytes === 4) wav.setUint32(at, value, true);
-      else wav.setUint16(at, value, true);
-      return at + bytes;
-    }, 16);
-    text(36, "data");
-    wav.setUint32(40, 2 * samples.length, true);
+    const [rate, bytes] = [Math.round(lastBuffer.sampleRate), 2 * samples.length];
+    const wav = new DataView(new ArrayBuffer(44 + bytes));
+    // "RIFF", "WAVE", "fmt ", one channel of PCM, "data".
+    const head = [0x46464952, 36 + bytes, 0x45564157, 0x20746d66, 16, 0x10001, rate, 2 * rate, 0x100002, 0x61746164, bytes];
+    head.forEach((word, index) => wav.setUint32(4 * index, word, true));
     samples.forEach((value, index) => wav.setInt16(44 + 2 * index, Math.round(FULL_SCALE * lastGain * value), true));
     return new Blob([wav.buffer], { type: "audio/wav" });
   }

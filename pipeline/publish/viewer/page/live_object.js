@@ -96,7 +96,7 @@
       const { header, payload } = await ask("strike", { ...ray, impulse, along: push, duration, sample_rate: sampleRate });
       if (header.missed) return null;
       const partials = () => ask("partials", { point: header.point, impulse: header.impulse });
-      return { ...header, sound: new Float32Array(payload), partials: async () => (await partials()).header.amplitudes };
+      return { ...header, sampleRate, sound: new Float32Array(payload), partials: async () => (await partials()).header.amplitudes };
     }
 
     async press(orbit, x, y, asked) {

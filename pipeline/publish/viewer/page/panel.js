@@ -218,12 +218,11 @@
 
     async _strike(x, y, orbit) {
       const { facts } = this.object;
-      const sampleRate = viewer.audioContext().sampleRate;
-      const asked = {
-        impulse: this.settings.impulse, along: this.settings.along, duration: DURATION_S, sampleRate,
-      };
+      const { impulse, along } = this.settings;
+      const asked = { impulse, along, duration: DURATION_S, sampleRate: viewer.audioContext().sampleRate };
       const answer = await this.object.strike(orbit, x, y, asked);
       if (!answer) return this._missed();
+      const { sampleRate } = answer; // a stored object has its own
       const { played, peak, quieter } = viewer.play(answer.sound, sampleRate, facts.listeningGain);
       const waited = performance.now() - this.acted;
       this.saveSound.disabled = !peak;

@@ -30,7 +30,7 @@
         const [first, second] = [0, 1].map((at) => arrays.place_barycentric[2 * place + at] / 255);
         return this.surface.placeOn(face, [first, second, 1 - first - second]);
       });
-      this.modes = new viewer.StoredModes(header, arrays, places);
+      this.modes = new viewer.StoredModes(header.sound, arrays, places);
       this.sheet = sheet;
       this.reached = Array.from(arrays.reached_places, (place) => places[place]);
       if (!this.reached.length) this.press = null;
@@ -59,18 +59,20 @@
       shown({ resolution: this.drawing.draw(orbit, moving) });
     }
 
-    async strike(orbit, x, y, { impulse, along, duration, sampleRate }) {
+    async strike(orbit, x, y, { impulse, along, duration }) {
       const { origin, direction } = orbit.ray(x, y);
       const hit = this.surface.firstHit(origin, direction);
       if (!hit) return null;
-      if (!this.modes.frequencies.length) return { ...hit, impulse: [0, 0, 0], sound: new Float32Array(), partials: async () => [] };
+      const sampleRate = this.modes.rate;
+      const silence = { impulse: [0, 0, 0], sound: new Float32Array(), sampleRate, partials: async () => [] };
+      if (!this.modes.frequencies.length) return { ...hit, ...silence };
       const place = nearest(this.modes.places, { point: hit.point, normal: viewer.outward(hit.normal, direction) });
       const { point, normal } = this.modes.places[place];
       const push = viewer.pushOf(along, viewer.outward(normal, direction), direction);
       const force = times(push, impulse / length(push));
       const amplitudes = this.modes.amplitudes(place, force);
-      const sound = this.modes.sound(amplitudes, duration, sampleRate);
-      return { point, normal, impulse: force, sound, partials: async () => amplitudes };
+      const sound = this.modes.sound(amplitudes, duration);
+      return { point, normal, impulse: force, sound, sampleRate, partials: async () => amplitudes };
     }
 
     async press(orbit, x, y) {

@@ -30,9 +30,8 @@
       return [0, 1, 2].map((corner) => this.vertex(this.faces[3 * face + corner]));
     }
 
-    // Face normals; vertex normals, the mean of all faces by angle; and shading normals of the corners.
+    // Face normals, and shading normals of the corners.
     _normals() {
-      const total = new Float64Array(this.vertices.length);
       this.faceNormals = new Float64Array(3 * this.faceCount);
       const angles = new Float64Array(this.faces.length);
       const around = Array.from({ length: this.vertices.length / 3 }, () => []);
@@ -42,18 +41,12 @@
         this.faceNormals.set(normal, 3 * face);
         for (let corner = 0; corner < 3; corner += 1) {
           const [a, b] = [1, 2].map((next) => unit(minus(corners[(corner + next) % 3], corners[corner])));
-          const angle = Math.atan2(length(cross(a, b)), dot(a, b));
-          const vertex = this.faces[3 * face + corner];
-          angles[3 * face + corner] = angle;
-          around[vertex].push(3 * face + corner);
-          for (let axis = 0; axis < 3; axis += 1) total[3 * vertex + axis] += angle * normal[axis];
+          angles[3 * face + corner] = Math.atan2(length(cross(a, b)), dot(a, b));
+          around[this.faces[3 * face + corner]].push(3 * face + corner);
         }
       }
-      this.vertexNormals = new Float64Array(total.length);
       this.cornerNormals = new Float32Array(3 * this.faces.length);
       for (let vertex = 0; vertex < around.length; vertex += 1) {
-        const sum = [total[3 * vertex], total[3 * vertex + 1], total[3 * vertex + 2]];
-        if (length(sum) > 1e-9) this.vertexNormals.set(unit(sum), 3 * vertex);
         for (const corner of around[vertex]) {
           const own = this._faceNormal(Math.floor(corner / 3));
           let smooth = [0, 0, 0];
