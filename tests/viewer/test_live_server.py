@@ -301,7 +301,7 @@ def test_the_command_prints_its_address_and_ends_on_interrupt(small_file, before
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
     )
     line = process.stdout.readline()
-    assert re.search(r"http://127\.0\.0\.1:\d+/ ", line)
+    assert re.search(r"http://127\.0\.0\.1:\d+/\?token=\S{22} ", line)
     if before:
         assert process.stdout.readline() == "at work\n"
     process.send_signal(signal.SIGINT)

@@ -132,8 +132,8 @@ def modes_table(result: dict[str, Any]) -> str:
     count, limit_hz = len(result["frequencies_hz"]), result["frequency_limit_hz"]
     lines = [f"{counted(count, 'mode')} below {limit_hz:.0f} Hz in {result['material']}"]
     if count:
-        names = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
-        names = tuple(name for name in names if name in result)
+        every = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
+        names = [name for name in every if name in result]
         rows = zip(*([_cell(name, value) for value in result[name]] for name in names), strict=True)
         numbered = [(str(number), *row) for number, row in enumerate(rows)]
         lines += columns([("", *names), *numbered], texts=0)
