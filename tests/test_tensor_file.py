@@ -96,11 +96,40 @@ def test_types_the_format_lacks_are_refused():
         to_bytes(TensorFile({"x": np.zeros(2, complex)}))
 
 
-@pytest.mark.parametrize("shape", [[1] * 70, [10**400], [0] + [1 << 61] * 7, [-1], [True], [1.0], None])
-def test_shapes_that_no_array_has(tmp_path, shape):
-    size = 0 if shape and shape[0] == 0 else 8
-    header = json.dumps({"a": {"dtype": "F64", "shape": shape, "data_offsets": [0, size]}}).encode()
-    path = tmp_path / "shape.safetensors"
-    path.write_bytes(len(header).to_bytes(8, "little") + header + bytes(size))
-    with pytest.raises(FormatError, match=r"shape\.safetensors: array a"):
+HUGE = 10**11
+SHAPES = [[1] * 70, [10**400], [HUGE], [0] + [1 << 61] * 7, [-1], [-1, -1], [True], [1.0], "1", None]
+
+
+@pytest.mark.parametrize(
+    "described",
+    [
+        *({"shape": shape} for shape in SHAPES),
+        {"dtype": ["F64"]},
+        {"data_offsets": [0, HUGE]},
+        {"data_offsets": [0, 8, 8]},
+    ],
+    ids=str,
+)
+def test_descriptions_that_no_array_has(tmp_path, described):
+    size = 0 if described.get("shape") == SHAPES[3] else 8
+    array = {"dtype": "F64", "shape": [1], "data_offsets": [0, size]} | described
+    path = written(tmp_path / "shape.safetensors", {"a": array}, size)
+    with pytest.raises(FormatError, match=r"shape\.safetensors"):
         read_tensor_file(path)
+
+
+@pytest.mark.parametrize("header", [{"__metadata__": {"a": 1}}, ["x"]], ids=str)
+def test_headers_that_are_none(tmp_path, header):
+    path = written(tmp_path / "header.safetensors", header, 8)
+    with pytest.raises(FormatError, match=r"header\.safetensors"):
+        read_tensor_file(path)
+    path.write_bytes((1 << 62).to_bytes(8, "little") + path.read_bytes()[8:])
+    with pytest.raises(FormatError, match="truncated"):
+        read_tensor_file(path)
+
+
+def written(path, header, size):
+    """A file of a header and some zeros."""
+    text = json.dumps(header).encode()
+    path.write_bytes(len(text).to_bytes(8, "little") + text + bytes(size))
+    return path

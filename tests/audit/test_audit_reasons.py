@@ -9,7 +9,6 @@ import pytest
 from versions_of_workshop import flip, made_versions, only, states
 
 from objectfolder.products import provenance as provenance_module
-from objectfolder.products.provenance import fingerprint
 from objectfolder.products.store import Array, Product, read_product, write_product
 from pipeline.audit import reasons
 from pipeline.audit.fidelity import exceeded
@@ -32,7 +31,7 @@ from pipeline.audit.reasons import (  # fmt: skip
     Circumstances,
     _source,
 )
-from pipeline.dataset.stages import FIDELITY, MODES, OBJECT_FILES, OBJECTS, STAGES, TOUCHES, VIEWS
+from pipeline.dataset.stages import MODES, OBJECT_FILES, STAGES, TOUCHES, VIEWS
 from pipeline.dataset.tolerances import as_json
 
 pytestmark = pytest.mark.slow
@@ -223,17 +222,6 @@ def test_normals_of_a_mesh():
     assert (reason.kind, reason.note) == (MESH, "its normals only: geometry and texture are the same")
 
 
-def test_two_objects_exchange_meshes(workshop):
-    cup, dish = workshop.row("cup"), workshop.row("dish")
-    for name in ("mesh", "texture"):
-        cup[name], dish[name] = dish[name], cup[name]
-    workshop.save()
-    found = audit_of_change(workshop)
-    assert told(found, "cup") == told(found, "dish") == {
-        (MESH, ""), (TEXTURE, ""), (RECORD, "file_names"),
-    }  # fmt: skip
-
-
 def test_object_removed_and_another_added(workshop):
     workshop.table.remove(workshop.row("cup"))
     workshop.add("ewer", "glass")
@@ -416,10 +404,3 @@ def test_made_on_another_machine_within_tolerance(workshop):
     found = workshop.audit(first, workshop.version("there", make=False))
     assert told(found, "cup") == {(BYTES, "")}
     assert "1 arrays within tolerance" in sentences(found, "cup")[0]
-
-
-def test_labels_of_the_toys_are_true(workshop):
-    parts = read_product(FIDELITY.path(workshop.root, "cup")).attributes["provenance"]
-    kept = {key: part for key, part in parts.items() if key not in reasons.BESIDE}
-    assert fingerprint(kept) == read_product(FIDELITY.path(workshop.root, "cup")).attributes["fingerprint"]
-    assert OBJECTS.path(workshop.root, "cup").exists()

@@ -219,7 +219,11 @@ def test_duplicate_ids(good, second):
 
 
 @pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "stl"])
-@pytest.mark.parametrize("content", [b"", b"<html>404: not found</html>\n", bytes(range(256)) * 20])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"<html>404: not found</html>\n", bytes(range(256)) * 20, b"glTF\2\0\0\0\x0c\0\0\0"],
+    ids=["empty", "page", "bytes", "header of a GLB"],
+)
 def test_mesh_file_that_is_not_one(tmp_path, suffix, content):
     path = tmp_path / f"model.{suffix}"
     path.write_bytes(content)

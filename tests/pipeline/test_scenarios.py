@@ -31,7 +31,6 @@ IDS = ("cup", "dish", "spoon")  # of steel, wood, wood
 SIGHT = ("views", "encode", "fidelity")
 SOUND = ("modes", "encode", "fidelity")
 TOUCH = ("touches", "encode", "fidelity")
-LATER = tuple(name for name in STAGES if name != "objects")
 
 
 @pytest.fixture(scope="module")
