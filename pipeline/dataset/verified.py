@@ -229,13 +229,15 @@ def _code_path(root: Path) -> Path:
 
 def _read(path: Path, kind: type[Kind]) -> Kind:
     """Return the content of a file that may be lost at any time: empty where it is not of this kind."""
+    collected = gc.isenabled()
     gc.disable()  # no entry is in a cycle, and the collector would go through all of them again and again
     try:
         return TypeAdapter(kind).validate_json(read_regular(path))
     except (OSError, ValueError):
         return kind()
     finally:
-        gc.enable()
+        if collected:
+            gc.enable()
 
 
 def _write(path: Path, content: object) -> None:
