@@ -19,7 +19,7 @@ PHONE = {"width": 390, "height": 844}
 
 
 @pytest.fixture(scope="module")
-def gallery(small_file, tmp_path_factory):
+def gallery(small_file, few_colours, tmp_path_factory):
     """A gallery of one object."""
     root = tmp_path_factory.mktemp("gallery")
     with pytest.MonkeyPatch.context() as patch:

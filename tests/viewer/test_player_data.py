@@ -23,6 +23,7 @@ from pipeline.publish.viewer.static import (
 )
 
 
+@pytest.mark.usefixtures("few_colours")
 def test_a_player_is_written_and_kept_by_what_its_file_holds(small_file, tmp_path):
     script = write_player(small_file, tmp_path / "a", "bar", cache=tmp_path / "cache")
     assert script.stat().st_size < 400_000
@@ -49,6 +50,7 @@ def test_damaged_files_are_named(small_file, tmp_path):
         write_player(tmp_path / "bar.safetensors", tmp_path, "bar")
 
 
+@pytest.mark.usefixtures("few_colours")
 def test_a_digest_that_a_file_states_opens_no_cache(small_file, tmp_path):
     """Damage leaves the stated digest as it was; a foreign file may state one that is known."""
     cache = tmp_path / "cache"

@@ -8,7 +8,6 @@ from PIL import Image
 from scipy.io import wavfile
 
 import objectfolder
-from pipeline.publish.viewer import bake
 from pipeline.publish.viewer.static import write_player, write_player_assets
 from tests.viewer.players import (
     HOSTILE,
@@ -29,13 +28,11 @@ PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Objects</t
 
 
 @pytest.fixture(scope="module")
-def folder(small_file, tmp_path_factory):
+def folder(small_file, few_colours, tmp_path_factory):
     """A published report of one object, beside its Object File."""
     root = tmp_path_factory.mktemp("report")
     write_player_assets(root / "files")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bake, "MOST_COLOURS", 15_000)
-        write_player(small_file, root / "files", "bar")
+    write_player(small_file, root / "files", "bar")
     (root / "data" / "object_files").mkdir(parents=True)
     shutil.copy(small_file, root / "data" / "object_files" / "bar.safetensors")
     (root / "index.html").write_text(PAGE)
