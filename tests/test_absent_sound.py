@@ -10,7 +10,6 @@ import objectfolder
 from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.materials import read_materials
 from objectfolder.audio.modes.absent import LEFT_OUT, absent_modes
-from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError, QueryError, UnsolvableError
 from objectfolder.fidelity.sound import measure_sound
 from objectfolder.mesh.body import body_of
@@ -19,6 +18,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Product, read_attributes, write_product
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.codec import encode_surface
+from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.task import Request
 from pipeline.publish.queries.description import info_lines
 from pipeline.tasks.modes import compute_modes

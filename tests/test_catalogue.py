@@ -8,8 +8,8 @@ import pytest
 from small_meshes import write_textured_cube
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
+from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.records import row_of
 
 REPOSITORY = Path(__file__).parents[1]

@@ -9,7 +9,7 @@ REPOSITORY = Path(__file__).parents[1]
 BORDERS = {
     "objectfolder/vision/truth/cycles.py": "bpy",
     "objectfolder/mesh/readers/blender_process.py": "bpy",
-    "objectfolder/mesh/decimation_process.py": "bpy",
+    "pipeline/run/decimation_process.py": "bpy",
     "objectfolder/touch/truth/opengl.py": "pyrender",
 }
 

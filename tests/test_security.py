@@ -16,7 +16,6 @@ import pytest
 import yaml
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import FormatError, InputError
 from objectfolder.mesh.readers.load import load_mesh, source_files
 from objectfolder.object_file import ObjectFile
@@ -24,6 +23,7 @@ from objectfolder.products.store import Array, Product, read_product, write_prod
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from pipeline.dataset import archives, products
+from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import RECORDS, read_records
 from pipeline.dataset.verified import Verified

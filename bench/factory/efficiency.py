@@ -32,7 +32,7 @@ SMALL = {
 
 def prepare(folder: Path) -> None:
     """Write a data set's inputs: tables, parameters and the starter meshes."""
-    from objectfolder.mesh.starter.write import write_starter_set
+    from pipeline.intake.starter.write import write_starter_set
 
     (folder / "data").mkdir(parents=True)
     for name in ("starter.csv", "materials.csv"):

@@ -27,7 +27,7 @@ from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, TASK_S, WORKER, 
 from ground import Ground
 
 from bench.factory.faults_real import RealGround
-from objectfolder.mesh.starter.write import write_starter_set
+from pipeline.intake.starter.write import write_starter_set
 
 CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(8)}
 

@@ -27,9 +27,9 @@ from matplotlib import colormaps
 from matplotlib.patches import Rectangle
 
 from bench.record import REPOSITORY, arguments, conclude, save, subplots
-from objectfolder.mesh.starter.write import write_starter_set
 from pipeline.audit.reproducibility import ATTRIBUTE, EQUAL, compare
 from pipeline.dataset.stages import STAGES
+from pipeline.intake.starter.write import write_starter_set
 from pipeline.sandbox.isolation import instruction_settings
 
 # As in children of the factory (`pipeline.sandbox.isolation`).

@@ -29,8 +29,8 @@ from objectfolder.audio.air.radiation import Radiation, radiate
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
-from objectfolder.mesh.starter.write import write_starter_set
 from objectfolder.surface.surface import Surface
+from pipeline.intake.starter.write import write_starter_set
 
 Floats = NDArray[np.float64]
 COMPARED = (

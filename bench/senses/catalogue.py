@@ -7,11 +7,11 @@ from pathlib import Path
 from bench.record import REPOSITORY, arguments
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
-from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.surface.surface import Surface
+from pipeline.dataset.catalogue import read_catalogue
 
 FOLDER = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
 MATERIALS = REPOSITORY / "data" / "materials.csv"

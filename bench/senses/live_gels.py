@@ -23,9 +23,9 @@ import objectfolder
 from bench.record import arguments, conclude, save, subplots
 from objectfolder.live import Felt, Finger, LiveTouch
 from objectfolder.live.contacts import finite_pose
-from objectfolder.live.handling import FELT_BY, FRICTION, Handling
-from objectfolder.live.opened_scene import OpenedScene
 from objectfolder.live.touch import _at_gel
+from pipeline.publish.scenes.handling import FELT_BY, FRICTION, Handling
+from pipeline.publish.scenes.opened_scene import OpenedScene
 
 NAMES, SQUEEZES, SQUEEZE_N, STEPS, PRESSED_N = ("mug", "bell"), 24, 4.0, 300, 0.2
 COMPARED = (

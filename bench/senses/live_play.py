@@ -21,9 +21,9 @@ from scipy.spatial import ConvexHull
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude, save, subplots
 from objectfolder.live import Finger, LiveSight, LiveSound, LiveTouch
-from objectfolder.live.handling import FELT_BY, FRICTION, Handling
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
+from pipeline.publish.scenes.handling import FELT_BY, FRICTION, Handling
 
 NAMES, STEP_S, RATE_HZ, BLOCK = ("mug", "bell", "mug"), 0.002, 44100.0, 512
 WARM_S, SECONDS, RUNS = 2.0, 60.0, 1

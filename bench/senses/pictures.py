@@ -18,10 +18,10 @@ from bench.record import REPOSITORY, arguments
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ, stored_strike
 from objectfolder.live import MujocoSimulation
 from objectfolder.live.clip import FRAMES_PER_S
-from objectfolder.live.opened_scene import OpenedScene, camera_over
-from objectfolder.live.playing import play
 from objectfolder.products.store import Product, read_product
 from pipeline.publish.demo import write_demo
+from pipeline.publish.scenes.opened_scene import OpenedScene, camera_over
+from pipeline.publish.scenes.playing import play
 
 matplotlib.use("Agg")
 from matplotlib import pyplot

@@ -97,7 +97,7 @@ def record(name: str, /, *, root: Root = Path("."), cluster: Cluster = None, jso
 
 def starter(*, root: Root = Path(".")) -> None:
     """Write the meshes and textures of the starter set."""
-    from objectfolder.mesh.starter.write import write_starter_set
+    from pipeline.intake.starter.write import write_starter_set
     from pipeline.run.exclusive import exclusive
 
     with exclusive(root.absolute(), "stage starter"), status_line("writing the starter set"):

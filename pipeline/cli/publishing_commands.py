@@ -335,7 +335,7 @@ def play(
         end_at_once()
     check_new_file(output, overwrite=overwrite)
     with status_line(f"playing {scene}"):
-        from objectfolder.live.playing import play as played
+        from pipeline.publish.scenes.playing import play as played
 
         summary = played(scene, output, seconds, lift_m, (height, width), seed, simulator)
     print_result(summary, json=json)

@@ -196,7 +196,7 @@ def _fetch(
     fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path, *, json: bool
 ) -> int:
     """Fetch all; print each object, and at the end the failures."""
-    from objectfolder.catalogue import read_rows
+    from pipeline.dataset.catalogue import read_rows
     from pipeline.intake.sources.fetch_summary import lines_of, summary
 
     try:

@@ -80,7 +80,7 @@ class DescribedObject:
     @property
     def senses(self) -> tuple[str, ...]:
         """Return the senses that it gets."""
-        from objectfolder.catalogue import SENSES
+        from pipeline.dataset.catalogue import SENSES
 
         return tuple(sense for sense in SENSES if not (self.silent and sense == "audio"))
 

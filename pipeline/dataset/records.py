@@ -21,7 +21,7 @@ from pipeline.dataset.task import Failure, failure_of
 # Stages after the first need neither tables nor meshes, and start sooner without.
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
-    from objectfolder.catalogue import ObjectRecord
+    from pipeline.dataset.catalogue import ObjectRecord
     from pipeline.dataset.parameters import ObjectsParameters
 
 MATERIALS = Path("data/materials.csv")
@@ -73,7 +73,7 @@ def read_table(root: Path, objects: "ObjectsParameters") -> Records:
         A table that cannot be used.
     """
     from objectfolder.audio.materials import read_materials
-    from objectfolder.catalogue import read_catalogue
+    from pipeline.dataset.catalogue import read_catalogue
 
     materials = read_materials(root / MATERIALS)
     catalogue = read_catalogue(root / objects.table, materials)

@@ -103,7 +103,7 @@ def _meshes(root: Path, table: str) -> str:
 
     It is the table itself where that folder would have products in it, too: DVC cannot watch that.
     """
-    from objectfolder.catalogue import read_rows
+    from pipeline.dataset.catalogue import read_rows
 
     folder = (root / table).parent
     try:
@@ -120,7 +120,7 @@ def _meshes(root: Path, table: str) -> str:
 
 def _check_ids(ids: tuple[str, ...], table: Path) -> None:
     """Refuse ids that a table does not list, before they are written."""
-    from objectfolder.catalogue import read_rows
+    from pipeline.dataset.catalogue import read_rows
 
     table_ids = [str(row.get("id") or "").strip() for _, row in read_rows(table)[1]] if ids else []
     unknown = [object_id for object_id in ids if object_id not in table_ids]

@@ -27,11 +27,11 @@ def with_decimated_mesh(
     MissingPackageError, SimulationError
         Blender is not installed, or cannot reach so few faces.
     """
-    from objectfolder.mesh.decimation import decimate
     from objectfolder.mesh.readers.load import load_mesh
     from objectfolder.vision.appearance import Appearance
     from objectfolder.vision.export.files import Credit
     from objectfolder.vision.export.textured_surface import write_mesh
+    from pipeline.run.decimation import decimate
 
     faces = described.decimate or 0
     mesh = load_mesh(described.mesh, described.texture, up=described.up, any_count=True)

@@ -16,7 +16,7 @@ from pipeline.dataset.project_files import PARAMETERS
 
 if TYPE_CHECKING:
     from objectfolder.audio.materials import Material
-    from objectfolder.catalogue import ObjectRecord
+    from pipeline.dataset.catalogue import ObjectRecord
     from pipeline.dataset.job import Finished, Job, Runner
 
 
@@ -97,7 +97,6 @@ def build_object_file(
     if building.decimate is None:
         refuse_many_faces(building.mesh)  # before workers start
     from objectfolder.audio.materials import find_material, read_materials
-    from objectfolder.mesh.looks import looks_of
     from objectfolder.mesh.mesh import textured_mesh_of
     from objectfolder.products.store import read_product
     from pipeline.dataset.parameters import read_parameters
@@ -107,6 +106,7 @@ def build_object_file(
     from pipeline.run.converge import converge
     from pipeline.run.costs import costs_path, read_costs
     from pipeline.run.decimated_mesh import with_decimated_mesh
+    from pipeline.run.looks import looks_of
 
     record = _record(building, output)
     material = find_material(read_materials(building.materials), building.material, str(building.materials))
@@ -172,7 +172,7 @@ class UntilFailure:
 
 def _record(building: Building, output: Path) -> "ObjectRecord":
     """Return the object as a table would have it."""
-    from objectfolder.catalogue import ObjectRecord
+    from pipeline.dataset.catalogue import ObjectRecord
 
     if output.suffix != ".safetensors":
         raise InputError(str(output), "does not end in .safetensors", "Name the Object File so.")

@@ -14,10 +14,10 @@ from PIL import Image
 from small_meshes import write_textured_cube
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.readers import face_count
 from pipeline.cli import main
 from pipeline.cluster import dask_runner
+from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.records import row_of
 from pipeline.intake.add import addition
 from pipeline.intake.add.addition import AddRequest, check_object, put_object

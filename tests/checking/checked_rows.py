@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import ObjectRecord
 from objectfolder.mesh.body import Topology
 from objectfolder.mesh.walls import WallMeasures
+from pipeline.dataset.catalogue import ObjectRecord
 from pipeline.intake.check.entry import Entry, Shape
 
 REPOSITORY = Path(__file__).parents[2]

@@ -5,8 +5,8 @@ import pytest
 
 from objectfolder.errors import QueryError
 from objectfolder.live import Finger, LiveSound, LiveTouch, handling
-from objectfolder.live.handling import CARRYING_RAD_S, FELT_BY, FRICTION, Handling
-from objectfolder.live.opened_scene import OpenedScene
+from pipeline.publish.scenes.handling import CARRYING_RAD_S, FELT_BY, FRICTION, Handling
+from pipeline.publish.scenes.opened_scene import OpenedScene
 from tests.live.drop_scenes import drop_scene
 
 mujoco = pytest.importorskip("mujoco")

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from objectfolder.errors import InputError
-from objectfolder.live.scene_bounds import check_scene
+from pipeline.publish.scenes.scene_bounds import check_scene
 
 TWICE = '<replicate count="300"><replicate count="300">'
 BODY = '<body name="0_mug"><freejoint/><geom type="box" size=".1 .1 .1"/></body>'

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from small_meshes import CUBE_FACES, CUBE_VERTICES, checker, write_textured_cube
 
-from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
+from pipeline.dataset.catalogue import read_catalogue
 
 MATERIALS = ("ceramic", "steel", "wood")
 

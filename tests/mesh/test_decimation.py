@@ -9,12 +9,12 @@ from hard_checks import colours_at
 from hard_meshes import encoded, quarters, write_text
 
 from objectfolder.audio.materials import Material
-from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.readers.load import load_mesh
 from pipeline.cli import main
+from pipeline.dataset.catalogue import read_rows
 from pipeline.run.single_build import Building, build_object_file
 
 RADIUS = 0.05
@@ -53,7 +53,7 @@ def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, caps
     write_text(tmp_path / "ball.mtl", "newmtl skin\nmap_Kd skin.png\n")
     write_text(tmp_path / "skin.png", encoded(quarters(256)))
     monkeypatch.setattr("objectfolder.mesh.readers.face_count.MOST_FACES", 1000)
-    monkeypatch.setattr("objectfolder.mesh.decimation.DISTANCE_SAMPLES", 500)
+    monkeypatch.setattr("pipeline.run.decimation.DISTANCE_SAMPLES", 500)
     with pytest.raises(InputError, match="--decimate"):
         load_mesh(path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

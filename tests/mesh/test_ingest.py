@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from small_meshes import CUBE_FACES, CUBE_VERTICES, box, checker, cube, sphere, write_textured_cube
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import read_catalogue
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import solid_properties
 from objectfolder.mesh.ingest import ingest_object
@@ -27,6 +26,7 @@ from objectfolder.mesh.walls import (
     wall_findings,
 )
 from objectfolder.products.store import read_product, write_product
+from pipeline.dataset.catalogue import read_catalogue
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objectfolder.catalogue import read_catalogue
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.starter.write import STARTER_OBJECTS, write_starter_set
+from pipeline.dataset.catalogue import read_catalogue
+from pipeline.intake.starter.write import STARTER_OBJECTS, write_starter_set
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
@@ -81,7 +81,7 @@ def test_walls_are_as_thick_as_meant(products):
 
 def test_die_has_dimples_that_sum_to_seven_on_opposite_sides(products):
     vertices = products["die"]["vertices"]
-    from objectfolder.mesh.starter.die import _FACES, _PIP_DEPTH, _PIP_OFFSET, _pip_centres
+    from pipeline.intake.starter.die import _FACES, _PIP_DEPTH, _PIP_OFFSET, _pip_centres
 
     opposite = {(axis, sign): pips for axis, sign, _, _, pips in _FACES}
     assert all(opposite[axis, 1] + opposite[axis, -1] == 7 for axis in range(3))

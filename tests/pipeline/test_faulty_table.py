@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from toys import REPOSITORY
 
-from objectfolder.mesh.starter.die import die
-from objectfolder.mesh.starter.write import write_obj
 from pipeline.cli import main
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.selection import SELECTION
+from pipeline.intake.starter.die import die
+from pipeline.intake.starter.write import write_obj
 
 HEAD = "id,name,mesh,texture,material,length_m\n"
 FAULTS = {

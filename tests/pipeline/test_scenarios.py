@@ -12,8 +12,6 @@ from PIL import Image
 from workshop import Workshop, works
 from workshop import made as all_made
 
-from objectfolder.mesh.starter.utensils import fork, spatula
-from objectfolder.mesh.starter.write import write_obj
 from objectfolder.products import provenance
 from pipeline.dataset.stages import (
     COLLISION,
@@ -26,6 +24,8 @@ from pipeline.dataset.stages import (
     TOUCHES,
     VIEWS,
 )
+from pipeline.intake.starter.utensils import fork, spatula
+from pipeline.intake.starter.write import write_obj
 
 IDS = ("cup", "dish", "spoon")  # of steel, wood, wood
 SIGHT = ("views", "encode", "fidelity")

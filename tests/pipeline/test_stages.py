@@ -8,11 +8,11 @@ import yaml
 from toys import REPOSITORY
 
 from objectfolder.audio.materials import read_materials
-from objectfolder.catalogue import ObjectRecord
 from objectfolder.products.provenance import fingerprint
 from objectfolder.products.store import Product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from pipeline.cli.declare import declared
+from pipeline.dataset.catalogue import ObjectRecord
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import row_of
 from pipeline.dataset.stages import MODES, STAGES

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.catalogue import read_catalogue, read_rows
 from pipeline.cli import main
+from pipeline.dataset.catalogue import read_catalogue, read_rows
 from pipeline.intake.sources.http_client import USER_AGENT
 from pipeline.intake.sources.registry import Resolutions
 from tests.conftest import REPOSITORY

@@ -13,12 +13,12 @@ import pytest
 from objectfolder import EXAMPLES
 from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
-from objectfolder.live.opened_scene import OpenedScene, camera_over
 from objectfolder.live.scene_view import View
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.lamps import Lamps
 from pipeline.cli import main
 from pipeline.publish.demo import write_demo
+from pipeline.publish.scenes.opened_scene import OpenedScene, camera_over
 from pipeline.publish.viewer import played_world
 from pipeline.publish.viewer.play import page_of_world
 from pipeline.publish.viewer.played_world import ALONE_S, BLOCK_S, PlayedWorld

@@ -10,16 +10,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.catalogue import AS_IN_FILE, check_id
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.looks import looks_of
 from objectfolder.mesh.mesh import LONGEST_M, SHORTEST_M, UNUSUAL_M, TexturedMesh, textured_mesh_of
 from objectfolder.mesh.walls import WallFinding, WallMeasures
 from objectfolder.products.store import Product
 from objectfolder.solid.shell import hollow
 from objectfolder.solid.thickening import thicken
 from objectfolder.vision.appearance import OPAQUE
+from pipeline.dataset.catalogue import AS_IN_FILE, check_id
 from pipeline.intake.add.add_request import AddRequest
 from pipeline.intake.add.source_copy import (
     Layout,
@@ -34,6 +33,7 @@ from pipeline.intake.add.table_rows import locked, read_table, with_row, write_t
 from pipeline.intake.check.spdx import likely_spdx, spdx
 from pipeline.run.decimated_mesh import with_decimated_mesh
 from pipeline.run.doubtful_size import clean_mesh, size_doubts
+from pipeline.run.looks import looks_of
 
 UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 PLAUSIBLE_M = (0.01, 2.5)

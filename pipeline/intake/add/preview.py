@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.catalogue import AS_IN_FILE
 from objectfolder.mesh.body import told_normals
-from objectfolder.mesh.looks import looks_of
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
 from objectfolder.mesh.walls import (
     ANY_MATERIAL,
@@ -20,8 +18,10 @@ from objectfolder.mesh.walls import (
     millimetres,
 )
 from objectfolder.products.atomic import atomic_write
+from pipeline.dataset.catalogue import AS_IN_FILE
 from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views
+from pipeline.run.looks import looks_of
 
 PIXELS = 300
 """A side of one view."""

@@ -7,10 +7,10 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from objectfolder.catalogue import COLUMNS
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.regular_file import read_regular
+from pipeline.dataset.catalogue import COLUMNS
 from pipeline.intake import disk
 
 BYTE_ORDER_MARK = "\ufeff"

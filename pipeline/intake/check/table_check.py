@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from objectfolder.audio.materials import Material, read_materials
-from objectfolder.catalogue import read_catalogue, read_rows
 from objectfolder.errors import InputError
+from pipeline.dataset.catalogue import read_catalogue, read_rows
 from pipeline.dataset.counts import counted
 from pipeline.dataset.failures import table_text
 from pipeline.dataset.validation import did_you_mean

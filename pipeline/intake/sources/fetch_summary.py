@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from objectfolder.catalogue import AS_IN_FILE
+from pipeline.dataset.catalogue import AS_IN_FILE
 from pipeline.intake.sources.fetching import Fetched
 
 

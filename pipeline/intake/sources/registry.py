@@ -3,10 +3,10 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from objectfolder.catalogue import read_rows
 from objectfolder.errors import InputError
 from objectfolder.plugins import SOURCE_GROUP as GROUP
 from objectfolder.plugins import Plugin, find_plugin, plugin_names
+from pipeline.dataset.catalogue import read_rows
 from pipeline.dataset.validation import did_you_mean
 from pipeline.intake.sources.google_scanned_objects import GoogleScannedObjects
 from pipeline.intake.sources.poly_haven import PolyHaven

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from objectfolder.live.opened_scene import OpenedScene
+from pipeline.publish.scenes.opened_scene import OpenedScene
 from pipeline.publish.viewer.live import Page, one_thread_each, serve_until_stopped
 from pipeline.publish.viewer.live_queries import Answer
 from pipeline.publish.viewer.played_world import PlayedWorld

@@ -20,9 +20,9 @@ import numpy as np
 from objectfolder.errors import ObjectFolderError, QueryError
 from objectfolder.live import Felt, Finger, LiveSound, LiveTouch
 from objectfolder.live.gripper import shown_finger
-from objectfolder.live.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
-from objectfolder.live.opened_scene import OpenedScene, camera_over, framed
 from objectfolder.live.sound import BLOCK_SAMPLES, SAMPLE_RATE_HZ
+from pipeline.publish.scenes.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
+from pipeline.publish.scenes.opened_scene import OpenedScene, camera_over, framed
 from pipeline.publish.viewer.live_queries import Answer, number_of, numbers_of
 
 BLOCK_S = BLOCK_SAMPLES / SAMPLE_RATE_HZ

@@ -15,12 +15,12 @@ from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.live.contacts import Posed
 from objectfolder.live.matt_body import MattBody
-from objectfolder.live.scene_bounds import check_scene
 from objectfolder.live.scene_view import moved_by
 from objectfolder.live.sight import LiveSight
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at
 from objectfolder.vision.lamps import Lamps
+from pipeline.publish.scenes.scene_bounds import check_scene
 
 VIEWED_FROM = np.array([0.15, -1.0, 0.65])  # from the middle of the objects towards the camera
 CAMERA_MARGIN = 1.06  # of the camera's distance, over that at which objects just fit
@@ -56,7 +56,7 @@ class OpenedScene:
         Raises
         ------
         InputError
-            No scene of MuJoCo, or one that asks for too much (`objectfolder.live.scene_bounds`); no object in
+            No scene of MuJoCo, or one that asks for too much (`scene_bounds`); no object in
             it, an object without its file.
         MissingPackageError
             MuJoCo is not installed.

@@ -7,10 +7,10 @@ import numpy as np
 from PIL import Image
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.starter.bell import bell
-from objectfolder.mesh.starter.die import die
-from objectfolder.mesh.starter.tableware import bowl, mug, plate
-from objectfolder.mesh.starter.utensils import fork, spatula
+from pipeline.intake.starter.bell import bell
+from pipeline.intake.starter.die import die
+from pipeline.intake.starter.tableware import bowl, mug, plate
+from pipeline.intake.starter.utensils import fork, spatula
 
 STARTER_OBJECTS: dict[str, Callable[[], TexturedMesh]] = {
     "bell": bell,

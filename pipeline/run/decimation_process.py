@@ -1,4 +1,4 @@
-"""Child process that decimates a mesh with Blender: ``-m objectfolder.mesh.decimation_process IN OUT``.
+"""Child process that decimates a mesh with Blender: ``-m pipeline.run.decimation_process IN OUT``.
 
 A process of its own because Blender is native code that keeps its state and can crash. IN is an .npz file
 with `vertices`, `faces`, `texture_coordinates`, `face_texture` of a mesh, and `target`; OUT gets the same of

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.mesh.starter.shape import Shape, quads
+from pipeline.intake.starter.shape import Shape, quads
 
 
 @dataclass(frozen=True)

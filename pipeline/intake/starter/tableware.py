@@ -3,7 +3,7 @@
 import numpy as np
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.starter.patterns import (
+from pipeline.intake.starter.patterns import (
     between,
     flat,
     paint,
@@ -12,8 +12,8 @@ from objectfolder.mesh.starter.patterns import (
     to_texture,
     unit_square,
 )
-from objectfolder.mesh.starter.revolution import Revolution, resampled, revolve, shell_profile
-from objectfolder.mesh.starter.shape import Shape, joined, quads
+from pipeline.intake.starter.revolution import Revolution, resampled, revolve, shell_profile
+from pipeline.intake.starter.shape import Shape, joined, quads
 
 
 def bowl() -> TexturedMesh:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.starter.patterns import (
+from pipeline.intake.starter.patterns import (
     SIZE,
     flat,
     paint,
@@ -12,7 +12,7 @@ from objectfolder.mesh.starter.patterns import (
     to_texture,
     unit_square,
 )
-from objectfolder.mesh.starter.shape import Shape, joined, quads
+from pipeline.intake.starter.shape import Shape, joined, quads
 
 _HALF, _EDGE = 0.008, 0.0016
 """Half the side and the radius of the edges, metres."""

@@ -77,7 +77,7 @@ def decimate(mesh: TexturedMesh, faces: int) -> Decimation:
             target=faces,
         )
         try:
-            done = run_module("objectfolder.mesh.decimation_process", source, target, timeout_s=PATIENCE_S)
+            done = run_module("pipeline.run.decimation_process", source, target, timeout_s=PATIENCE_S)
         except subprocess.TimeoutExpired as error:
             raise SimulationError("Blender's decimation", "took too long") from error
         if done.returncode or not target.exists():

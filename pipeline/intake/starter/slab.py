@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.mesh.starter.shape import Shape, joined, quads
+from pipeline.intake.starter.shape import Shape, joined, quads
 
 
 def slab(middle: np.ndarray, thickness: np.ndarray, cells: np.ndarray) -> Shape:

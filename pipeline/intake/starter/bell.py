@@ -3,8 +3,8 @@
 import numpy as np
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.starter.patterns import between, flat, paint, smooth_noise, to_texture, unit_square
-from objectfolder.mesh.starter.revolution import resampled, revolve
+from pipeline.intake.starter.patterns import between, flat, paint, smooth_noise, to_texture, unit_square
+from pipeline.intake.starter.revolution import resampled, revolve
 
 _OUTSIDE_MM = np.array(
     [[0, 100], [5, 99.4], [8.2, 96], [8.8, 92], [7.2, 87.5], [5.5, 84], [5.6, 81], [9, 79], [16, 77.5],

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.starter.patterns import (
+from pipeline.intake.starter.patterns import (
     between,
     flat,
     paint,
@@ -13,7 +13,7 @@ from objectfolder.mesh.starter.patterns import (
     to_texture,
     unit_square,
 )
-from objectfolder.mesh.starter.slab import slab
+from pipeline.intake.starter.slab import slab
 
 _TINES = 4
 

@@ -9,8 +9,8 @@ import numpy as np
 from objectfolder.audio.synthesis.wav import listening_gain
 from objectfolder.live import LiveSound, MujocoSimulation, Simulation
 from objectfolder.live.clip import AUDIO_RATE_HZ, FRAMES_PER_S, recorded, write_clip
-from objectfolder.live.opened_scene import OpenedScene, camera_over
 from objectfolder.live.simulators import OWN, open_simulation
+from pipeline.publish.scenes.opened_scene import OpenedScene, camera_over
 
 MOST_TURN_RAD = 0.6
 
