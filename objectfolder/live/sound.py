@@ -14,7 +14,6 @@ from objectfolder.audio.synthesis.roughness import LENGTH_M, RoughProfile
 from objectfolder.errors import QueryError
 from objectfolder.forks import hold_forks
 from objectfolder.live.contacts import Simulation, Touching, finite_pose
-from objectfolder.live.culling import Culling
 from objectfolder.live.heard_body import HeardBody, Matter
 from objectfolder.live.lasting import LastingContact, LastingContacts
 from objectfolder.live.resting import WOODEN_TOP, Rest
@@ -81,8 +80,6 @@ class LiveSound:
         The same of some of them, by name.
     rest
         What bodies stand on, see `Rest`; None: it damps nothing.
-    audible_only
-        Leave out modes that are not heard beside louder ones or in quiet, see `audibility`.
     seed
         Of the rough surfaces.
     sample_rate_hz, block_samples
@@ -91,7 +88,6 @@ class LiveSound:
     Attributes
     ----------
     impacts : list of Impact, every collision heard so far
-    culling : Culling, what was left out; None where all is sounded
 
     Raises
     ------
@@ -110,7 +106,6 @@ class LiveSound:
         others: tuple[float, float] = WOOD,
         known: Mapping[str, tuple[float, float]] | None = None,
         rest: Rest | None = WOODEN_TOP,
-        audible_only: bool = False,
         seed: int = 0,
         sample_rate_hz: float = SAMPLE_RATE_HZ,
         block_samples: int = BLOCK_SAMPLES,
@@ -136,7 +131,6 @@ class LiveSound:
         self._lasting = LastingContacts(sizes_m, self._between * simulation.timestep_s, self._held_m_s)
         self._rubbing: dict[LastingContact, Rubbing] = {}
         self._closing: set[frozenset[str]] = set()
-        self.culling = Culling([body.stream for body in self._bodies.values()]) if audible_only else None
         self.impacts: list[Impact] = []
 
     @hold_forks
@@ -155,8 +149,6 @@ class LiveSound:
             self._simulation.step()
             self._hear(began_s)
         self._rub(begin)
-        if self.culling:
-            self.culling.choose()
         sounds = [body.stream.block(self._samples)[0] for body in self._bodies.values()]
         return np.sum(sounds, axis=0) if sounds else np.zeros(self._samples)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
-from objectfolder.live import Finger, LiveSound, LiveTouch, handling
+from objectfolder.live import Finger, LiveSound, LiveTouch
+from pipeline.publish.scenes import handling
 from pipeline.publish.scenes.handling import CARRYING_RAD_S, FELT_BY, FRICTION, Handling
 from pipeline.publish.scenes.opened_scene import OpenedScene
 from tests.live.drop_scenes import drop_scene

@@ -175,11 +175,6 @@ class ObjectStream:
         voices = self._channels[0].voices
         return voices.frequencies_hz, voices.amplitudes()
 
-    def keep(self, heard: NDArray[np.bool_]) -> None:
-        """Sound only some (n,) of what `loudness` tells, until the next contact."""
-        for channel in self._channels:
-            channel.voices.keep(heard)
-
     def block(self, samples: int) -> Floats:
         """Return the next samples (channels, samples) float64, in the unit `ObjectFile.strike` answers in."""
         sounds = [channel.voices.block(samples) for channel in self._channels]

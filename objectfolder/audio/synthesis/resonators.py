@@ -67,14 +67,6 @@ class Resonators:
     def __len__(self) -> int:
         return len(self.order)
 
-    def take(self, which: NDArray[np.int64]) -> "Resonators":
-        """Return some of them, of ascending indices."""
-        weights = (self.weights[0][which], self.weights[1][which])
-        steps = np.ascontiguousarray(self.steps[:, :, which])
-        return Resonators(
-            self.oscillators.take(which), weights, self.order[which], self.lifetimes[which], steps
-        )
-
     def damped(self, added_per_s: Floats) -> "Resonators":
         """Return them with larger decay rates, by (modes,), and the same frequencies."""
         seconds = np.arange(STRIDE + 1)[:, None] / self.oscillators.sample_rate_hz

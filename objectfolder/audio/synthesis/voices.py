@@ -73,7 +73,6 @@ class Voices:
         self._bank = self._damped = Resonators.of(oscillators, weights, floor_db)
         self._columns = columns[self._bank.order]
         self._ends = -self._bank.lifetimes
-        self._heard: NDArray[np.int64] | None = None
         self._added: Floats | None = None
         self._ringing = np.zeros((2, len(oscillators)))
         self._age = math.inf
@@ -220,17 +219,6 @@ class Voices:
         ringing = self._bank.oscillators.discriminants > 0
         return np.hypot(a, np.where(ringing, b / np.maximum(self._bank.oscillators.roots_per_s, 1e-300), b))
 
-    def keep(self, heard: NDArray[np.bool_]) -> None:
-        """Sound only some of the ringing modes until the next contact; all go on moving.
-
-        Parameters
-        ----------
-        heard
-            (modes,) in the order of `amplitudes`.
-        """
-        which = np.flatnonzero(heard[: self.ringing_modes])
-        self._heard = None if len(which) == self.ringing_modes else which
-
     def block(self, samples: int) -> Floats:
         """Return the next samples (samples,) float64.
 
@@ -267,16 +255,9 @@ class Voices:
 
     def _add_ringing(self, sound: Floats) -> None:
         """Add to `sound` (1, samples) what rings, and move it to its end."""
-        samples, living = sound.shape[1], self.ringing_modes
-        if living and self._heard is None:
+        if self.ringing_modes:
             self._damped.ring(self._ringing[None], sound, age=self._age)
-        elif living and self._heard is not None:
-            heard = self._heard[self._heard < living]
-            part = np.ascontiguousarray(self._ringing[None, :, heard])
-            self._damped.take(heard).ring(part, sound, age=self._age)
-            later = self._bank.oscillators.shifted((self._ringing[0], self._ringing[1]), [samples])
-            self._ringing = self._lost(np.concatenate(later), samples)
-        self._age += samples
+        self._age += sound.shape[1]
         self._ringing[:, self.ringing_modes :] = 0
 
     def _add_voice(self, voice: Voice, sound: Floats) -> None:
@@ -290,7 +271,6 @@ class Voices:
             self._damped.ring(coefficients, sound, end)
             self._ringing += coefficients[0]
             self._age = min(self._age, sound.shape[1] - end)
-            self._heard = None
             self._voices.remove(voice)
 
     def _lost(self, coefficients: Floats, samples: float) -> Floats:
