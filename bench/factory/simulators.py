@@ -30,11 +30,11 @@ from objectfolder.mesh.body import solid_properties, topology_of
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import write_asset
-from objectfolder.simulators.stable_poses import stable_poses
 from objectfolder.solid.filling import fill
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.textured_surface import mesh_parts
+from pipeline.publish.scenes.stable_poses import stable_poses
 
 COMPARED = (
     "Assets of scans, made by convex_parts and write_asset with their defaults, as simulators read them; "

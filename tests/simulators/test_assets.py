@@ -27,13 +27,13 @@ from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts, measure_parts
 from objectfolder.simulators.formats import write_asset
 from objectfolder.simulators.parts_product import absent_parts, parts_of, parts_product
-from objectfolder.simulators.scene import write_scene
-from objectfolder.simulators.stable_poses import lay_out, stable_poses, standing, table_side
 from objectfolder.surface.convex_parts import ConvexParts, convex_hull
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.gltf import Part
+from pipeline.publish.scenes.scene import write_scene
+from pipeline.publish.scenes.stable_poses import lay_out, stable_poses, standing, table_side
 
 SIDES = np.array([0.12, 0.08, 0.03])
 DENSITY = 2700.0

@@ -11,8 +11,8 @@ import pytest
 import objectfolder
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.tensor_file import TensorFile, read_metadata, write_tensor_file
-from objectfolder.vision.export.base_colour import network_colour
 from objectfolder.vision.studio import STUDIOS
+from pipeline.publish.export.base_colour import network_colour
 from pipeline.publish.viewer.bake import surface_colours
 from pipeline.publish.viewer.static import (
     PAGE,

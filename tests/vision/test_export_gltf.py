@@ -21,7 +21,6 @@ from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
 from objectfolder.vision.export.atlas import pack
-from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour, texture_colour
 from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.gltf import Part, write_glb
 from objectfolder.vision.export.textured_surface import bake, write_mesh, write_surface
@@ -30,6 +29,7 @@ from objectfolder.vision.network.network_layout import SURROUNDINGS, weight_shap
 from objectfolder.vision.network.reflectance import Reflectance, angle_inputs
 from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.visionnet.visionnet import VisionNet
+from pipeline.publish.export.base_colour import nearest_texture_colour, network_colour, texture_colour
 
 CREDIT = Credit("ball", "A ball", "made by code", "CC-BY-4.0", "the tests")
 MATT = Appearance(roughness=0.7, metallic=0.0)

@@ -22,7 +22,6 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays, project, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.export.colmap import quaternion, sparse_model, world_to_camera, write_colmap
 from objectfolder.vision.export.files import (
     MANIFEST,
     Credit,
@@ -32,7 +31,8 @@ from objectfolder.vision.export.files import (
     write_json,
 )
 from objectfolder.vision.export.posed_views import PosedViews
-from objectfolder.vision.export.transforms import write_transforms
+from pipeline.publish.export.colmap import quaternion, sparse_model, world_to_camera, write_colmap
+from pipeline.publish.export.transforms import write_transforms
 
 HEIGHT, WIDTH, FIELD_OF_VIEW = 60, 44, 39.6
 CREDIT = Credit("cube", "A cube", "made by code", "CC-BY-4.0", "the tests")

@@ -15,10 +15,10 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
-from objectfolder.vision.export.base_colour import network_colour
 from objectfolder.vision.truth.passes import cast_passes
 from objectfolder.vision.truth.render_request import unit_scene
 from objectfolder.vision.visionnet import map_sampling
+from pipeline.publish.export.base_colour import network_colour
 
 CAMERAS = look_at(np.array([[1.4, -1.5, 1.3], [-1.4, 1.5, -1.3]]))
 LIGHT = np.array([0.3, 0.2, 1.0])

@@ -17,8 +17,6 @@ from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import FORMATS, write_asset
 from objectfolder.simulators.parts_product import parts_of
-from objectfolder.simulators.scene import format_of_scene, write_scene
-from objectfolder.simulators.stable_poses import lay_out, table_side
 from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.gltf import Part
@@ -28,6 +26,8 @@ from pipeline.publish.export.exports import appearance_of, stored_colours
 from pipeline.publish.export.object_products import ObjectProducts, find_products
 from pipeline.publish.export.summaries import ExportSummary, SceneSummary
 from pipeline.publish.queries.requests import Exporting
+from pipeline.publish.scenes.scene import format_of_scene, write_scene
+from pipeline.publish.scenes.stable_poses import lay_out, table_side
 
 ALL_FORMATS = tuple(FORMATS)
 DENSEST_KG_M3 = 22_600.0  # osmium

@@ -11,15 +11,15 @@ from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.base_colour import nearest_texture_colour, network_colour
-from objectfolder.vision.export.colmap import write_colmap
 from objectfolder.vision.export.files import new_folder
 from objectfolder.vision.export.posed_views import PosedViews
 from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
-from objectfolder.vision.export.transforms import write_transforms
 from pipeline.dataset.counts import counted
+from pipeline.publish.export.base_colour import nearest_texture_colour, network_colour
+from pipeline.publish.export.colmap import write_colmap
 from pipeline.publish.export.object_products import ObjectProducts
 from pipeline.publish.export.summaries import ExportSummary
+from pipeline.publish.export.transforms import write_transforms
 from pipeline.publish.queries.requests import Exporting
 
 

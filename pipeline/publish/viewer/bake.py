@@ -20,9 +20,9 @@ from objectfolder.fidelity.sheets import webp
 from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
-from objectfolder.vision.export.base_colour import network_colour
 from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.studio import STUDIOS
+from pipeline.publish.export.base_colour import network_colour
 from pipeline.publish.viewer import FORMAT
 from pipeline.publish.viewer.recursions import recursions
 
