@@ -36,7 +36,7 @@ print(cpu_target.target_context.codegen().magic_tuple()[1], *compiled)
 """
 UNCACHED = """
 import numpy as np
-from objectfolder.vision.compiled.network import _softplus
+from objectfolder.vision.compiled.network_kernels import _softplus
 _softplus(np.float32(1.0))
 """
 # What is asked first, and the least and the most own functions that it may compile.

@@ -8,8 +8,7 @@ if TYPE_CHECKING:
     from objectfolder.audio.materials import Material, read_materials
     from objectfolder.audio.modes.modes import simulate_modes
     from objectfolder.audio.synthesis.air import Air, Listener
-    from objectfolder.audio.synthesis.bank import mode_bank
-    from objectfolder.audio.synthesis.force import driven_bank
+    from objectfolder.audio.synthesis.bank import driven_bank, mode_bank
     from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
     from objectfolder.audio.synthesis.object_stream import ObjectStream
     from objectfolder.audio.synthesis.sound import Sound, StrikeEnergy
@@ -24,8 +23,7 @@ else:
             "materials": ["Material", "read_materials"],
             "modes.modes": ["simulate_modes"],
             "synthesis.air": ["Air", "Listener"],
-            "synthesis.bank": ["mode_bank"],
-            "synthesis.force": ["driven_bank"],
+            "synthesis.bank": ["driven_bank", "mode_bank"],
             "synthesis.hertz": ["ContactBody", "HertzContact", "mass_at_contact"],
             "synthesis.object_stream": ["ObjectStream"],
             "synthesis.sound": ["Sound", "StrikeEnergy"],

@@ -16,7 +16,7 @@ import numpy as np
 from objectfolder.batch.targets import Body, scalar
 from objectfolder.vision.compiled.bounding_volumes import STACK, _first_hits, _occluded
 from objectfolder.vision.compiled.lighting import _surface_points, _unhindered
-from objectfolder.vision.compiled.network import (
+from objectfolder.vision.compiled.network_kernels import (
     _incidence,
     _interpolate,
     _schlick,

@@ -5,7 +5,6 @@ shapes on it, touch is a sensor pressed into it. Queries are in the object frame
 seconds, seconds.
 """
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,18 +16,19 @@ from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.errors import FormatError
 from objectfolder.forks import hold_forks
-from objectfolder.object_file.html import notebook_card
-from objectfolder.products.stored_values import (
-    check_body,
-    check_fidelity,
-    check_material,
-    check_words,
-    number,
-    numbers,
+from objectfolder.object_file.container import (
+    GLASS,
+    KNOWN,
+    LEARNED,
+    check_description,
+    make_container,
+    parse_description,
+    read_container,
 )
-from objectfolder.products.tensor_file import REMEDY, TensorFile, read_tensor_file, write_tensor_file
+from objectfolder.object_file.html import notebook_card
+from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from objectfolder.signatures import ShortForm
-from objectfolder.surface.codec import LARGEST_COORDINATE_M, decode_surface
+from objectfolder.surface.codec import decode_surface
 from objectfolder.surface.contact_surface import ContactSurface
 from objectfolder.surface.convex_parts import ConvexParts, check_parts
 from objectfolder.surface.frames import UnitFrame
@@ -36,28 +36,10 @@ from objectfolder.surface.surface import ClosestPoints, Surface
 from objectfolder.touch.touch_queries import TouchQueries
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.vision.appearance import THIN
-from objectfolder.vision.network.sparse_grid import HALF_WIDTH
 from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
-FORMAT = "objectfolder"
-# Of files whose sight is learned as a whole, of those whose material is known, and of thin glass.
-LEARNED, KNOWN, GLASS = VERSIONS = "3", "4", "5"
 SURFACE_TOLERANCE_M = 1e-3
-REQUIRED = (
-    "object",
-    "material",
-    "body",
-    "frame",
-    "modes",
-    "vision",
-    "audio",
-    "touch",
-    "provenance",
-    "fidelity",
-)
-# Of files that have it: measures of their convex parts, see `ObjectFile.collision`.
-PRESENT_IN_SOME = ("collision",)
 
 
 class ObjectFile:
@@ -242,11 +224,7 @@ class ObjectFile:
         True
         """
         surface = decode_surface(dict(tensors))
-        frame = _frame_around(surface, description["frame"])
-        check_words(description["object"])
-        check_fidelity(description["fidelity"])
-        check_body(description["body"])
-        check_material(description["material"])
+        frame = check_description(description, surface)
         vision = VisionNet.from_tensors(tensors, description["vision"], surface, frame)
         modes = AudioNet.from_tensors(tensors, description["audio"], surface)
         touch = TouchNet.from_tensors(tensors, description["touch"], surface)
@@ -271,27 +249,9 @@ class ObjectFile:
         Traceback (most recent call last):
         objectfolder.errors.FormatError: materials.csv: ...
         """
-        where = str(path)
-        if Path(path).is_dir():
-            files = sorted(Path(path).glob("*.safetensors"))
-            remedy = (
-                f"Open a file in it, such as {files[0]}." if files else "Name an Object File (.safetensors)."
-            )
-            raise FormatError(where, "a folder, not an Object File", remedy)
-        content = read_tensor_file(path)
-        if content.metadata.get("format") != FORMAT:
-            raise FormatError(where, "a safetensors file, but not an Object File", "Build one from a mesh.")
-        version = content.metadata.get("format_version")
-        if version not in VERSIONS:
-            raise FormatError(
-                where,
-                f"Object File of version {version}, this program reads {', '.join(VERSIONS)}",
-                "Use the program that made it, or build it again.",
-            )
+        where, content = str(path), read_container(path)
         try:
-            stored = (*REQUIRED, *(key for key in PRESENT_IN_SOME if key in content.metadata))
-            description = {key: json.loads(content.metadata[key]) for key in stored}
-            return cls.of_tensors(content.tensors, description)
+            return cls.of_tensors(content.tensors, parse_description(content.metadata))
         except FormatError as error:
             raise FormatError(where, f"{error.where}: {error.finding}", "Fetch or build it again.") from error
         except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError, RecursionError) as error:
@@ -309,10 +269,7 @@ class ObjectFile:
         >>> bar.with_description(fidelity=None).description["fidelity"] is None
         True
         """
-        described = {**self.description, **more}
-        return ObjectFile(
-            self.surface, self.frame, self.vision, self.modes, self.touch.net, described, self._tensors
-        )
+        return self._with({**self.description, **more}, self._tensors)
 
     def with_collision(self, parts: ConvexParts) -> "ObjectFile":
         """Return the same object with convex parts for simulators, in place of those that it has.
@@ -326,11 +283,12 @@ class ObjectFile:
         >>> len(parted.collision.hulls), parted.bytes_by_part()["collision"]
         (1, 200)
         """
-        described = {**self.description, "collision": parts.to_dict()}
-        tensors = {**self._tensors, **parts.tensors()}
-        return ObjectFile(
-            self.surface, self.frame, self.vision, self.modes, self.touch.net, described, tensors
-        )
+        description = {**self.description, "collision": parts.to_dict()}
+        return self._with(description, {**self._tensors, **parts.tensors()})
+
+    def _with(self, description: Mapping[str, Any], tensors: Mapping[str, np.ndarray]) -> "ObjectFile":
+        parts = self.surface, self.frame, self.vision, self.modes, self.touch.net
+        return ObjectFile(*parts, description, tensors)
 
     def content(self) -> TensorFile:
         """Return the file's tensors and metadata; equal objects give equal bytes.
@@ -345,10 +303,7 @@ class ObjectFile:
         version = KNOWN if self.vision.computed else LEARNED
         if self.vision.glass == THIN:
             version = GLASS  # programs that know nothing of it would draw it opaque
-        metadata: dict[str, Any] = {"format": FORMAT, "format_version": version}
-        stored = (*REQUIRED, *(key for key in PRESENT_IN_SOME if key in self.description))
-        metadata.update({key: json.dumps(self.description.get(key), sort_keys=True) for key in stored})
-        return TensorFile(self._tensors, metadata)
+        return make_container(self._tensors, self.description, version)
 
     def save(self, path: Path | str) -> None:
         """Write the file, atomically.
@@ -432,20 +387,3 @@ def _equal_tensors(first: Mapping[str, np.ndarray], second: Mapping[str, np.ndar
         tensor.dtype == second[name].dtype and np.array_equal(tensor, second[name])
         for name, tensor in first.items()
     )
-
-
-def _frame_around(surface: Surface, stored: Mapping[str, Any]) -> UnitFrame:
-    """Return the stored unit frame, whose box is the surface's but for what compression moves.
-
-    Raises
-    ------
-    FormatError
-        Another box.
-    """
-    numbers("frame.centre", stored["centre"], (3,), LARGEST_COORDINATE_M)
-    number("frame.scale", stored["scale"], 1 / LARGEST_COORDINATE_M, LARGEST_COORDINATE_M)
-    frame = UnitFrame.from_dict(dict(stored))
-    box = frame.to_unit(surface.bounds)
-    if np.abs(box).max() > HALF_WIDTH or np.ptp(box, axis=0).max() < HALF_WIDTH:
-        raise FormatError("frame", "it is not that of the surface", REMEDY)
-    return frame

@@ -27,10 +27,9 @@ from objectfolder.solid.comparison import Measures, differences, doubts_of, is_a
 from objectfolder.solid.normal_form import normal_form
 from objectfolder.solid.redundant_vertices import without_redundant_vertices
 from objectfolder.solid.revolved import Revolved, revolved
-from objectfolder.solid.shell import hollow
 from objectfolder.solid.solid import Solid, clean, volumes
 from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
-from objectfolder.solid.thickening import thicken
+from objectfolder.solid.thickening import hollow, thicken
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed

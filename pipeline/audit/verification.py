@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import FormatError, ObjectFolderError
-from objectfolder.object_file.object_file import FORMAT, ObjectFile
+from objectfolder.object_file.container import FORMAT
+from objectfolder.object_file.object_file import ObjectFile
 from pipeline.audit.contents import Contents
 from pipeline.audit.descriptions import Description
 from pipeline.audit.reasons import is_labelled_truly

@@ -12,7 +12,7 @@ from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 from objectfolder.audio.air import radiation as radiation_module
 from objectfolder.audio.air.boundary_kernels import static_potentials
-from objectfolder.audio.air.helmholtz import Elements
+from objectfolder.audio.air.helmholtz import Elements, Patches
 from objectfolder.audio.air.multipoles import (
     DENSITY_KG_M3,
     SOUND_SPEED_M_S,
@@ -26,7 +26,6 @@ from objectfolder.audio.air.multipoles import (
     outgoing,
     regular_waves,
 )
-from objectfolder.audio.air.patches import Patches
 from objectfolder.audio.air.radiation import radiate, together
 from objectfolder.audio.air.remeshing import halved, remeshed
 from objectfolder.audio.air.transfer import AirTransfer

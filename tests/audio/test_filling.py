@@ -10,7 +10,7 @@ import trimesh
 from structured_solids import box
 
 from objectfolder.errors import InputError, SimulationError, UnsolvableError
-from objectfolder.solid import filling, shell
+from objectfolder.solid import filling, thickening
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
@@ -58,7 +58,7 @@ def coarse_grid(monkeypatch: pytest.MonkeyPatch) -> None:
         return surface_at_depth(surface, depth, nodes=nodes // 10)
 
     monkeypatch.setattr(filling, "surface_at_depth", coarse)
-    monkeypatch.setattr(shell, "surface_at_depth", coarse)
+    monkeypatch.setattr(thickening, "surface_at_depth", coarse)
 
 
 def bumpy() -> Any:

@@ -11,8 +11,13 @@ from structured_solids import box, material
 
 from objectfolder.audio.recordings.body import SolvedBody, body_of_solid
 from objectfolder.audio.recordings.decay_law import power_law
-from objectfolder.audio.recordings.fitting import SoundFit, fit_body, fitted_material, partials_near_modes
-from objectfolder.audio.recordings.matching import match
+from objectfolder.audio.recordings.fitting import (
+    SoundFit,
+    fit_body,
+    fitted_material,
+    match,
+    partials_near_modes,
+)
 from objectfolder.audio.recordings.partials import Partials, partials_of, partials_over
 from objectfolder.audio.recordings.recording import Recording, read_recording, recording_of
 from objectfolder.errors import InputError

@@ -5,8 +5,7 @@ import pytest
 from scipy.special import spherical_jn, spherical_yn
 
 from objectfolder.audio.synthesis.air import Air, Listener, quadrupole_efficiency
-from objectfolder.audio.synthesis.bank import ring
-from objectfolder.audio.synthesis.force import drive
+from objectfolder.audio.synthesis.bank import drive, ring
 from objectfolder.errors import QueryError
 
 AIR = Air()

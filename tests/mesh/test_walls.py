@@ -22,7 +22,7 @@ from objectfolder.mesh.walls import (
     shell_of_mass,
     wall_findings,
 )
-from objectfolder.solid.shell import hollow
+from objectfolder.solid.thickening import hollow
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 

@@ -6,7 +6,7 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES, sphere
 from walled_shapes import spherical_cap
 
 from objectfolder.errors import InputError
-from objectfolder.solid.shell import hollow
+from objectfolder.solid.thickening import hollow
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface, edge_table
 from objectfolder.surface.winding_number import enclosed_volume

@@ -6,8 +6,12 @@ from layer_reference import LayerContact, layer_compliance
 from objectfolder.errors import InputError
 from objectfolder.touch.elastic.contact_problem import force_depth_curve, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
-from objectfolder.touch.elastic.influence import influence_coefficients
-from objectfolder.touch.elastic.layer import REACH, bonding_correction, relative_compliance
+from objectfolder.touch.elastic.influence import (
+    REACH,
+    bonding_correction,
+    influence_coefficients,
+    relative_compliance,
+)
 
 SHAPE = (96, 64)
 PITCH = (0.03 / 96, 0.02 / 64)

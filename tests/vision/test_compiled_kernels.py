@@ -11,9 +11,8 @@ from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compiled.bounding_volumes import HALVED_LEVEL, STACK, BoundingVolumes
-from objectfolder.vision.compiled.grouping import GROUPS, choose_samples
+from objectfolder.vision.compiled.grouping import GROUPS, choose_samples, samples_to_ask, split_groups
 from objectfolder.vision.compiled.shading import TARGETS
-from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.visibility import Projection
 
 

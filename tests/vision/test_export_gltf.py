@@ -20,10 +20,9 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
-from objectfolder.vision.export.atlas import pack
 from objectfolder.vision.export.files import Credit
 from objectfolder.vision.export.gltf import Part, write_glb
-from objectfolder.vision.export.textured_surface import bake, write_mesh, write_surface
+from objectfolder.vision.export.textured_surface import bake, pack, write_mesh, write_surface
 from objectfolder.vision.network.incidence import Incidence
 from objectfolder.vision.network.network_layout import SURROUNDINGS, weight_shapes
 from objectfolder.vision.network.reflectance import Reflectance, angle_inputs

@@ -176,7 +176,7 @@ def fill_far(
     Parameters
     ----------
     patches
-        See `objectfolder.audio.air.patches.Patches`.
+        See `objectfolder.audio.air.helmholtz.Patches`.
     flows
         (n, m) and (n, 3, m) moments of order 0 and 1 of the velocities.
     slots

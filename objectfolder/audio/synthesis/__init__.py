@@ -1,8 +1,7 @@
 """Sound from modes: the mode bank, forces, contacts, streams, and what reaches a listener."""
 
 from objectfolder.audio.synthesis.air import Air, Listener
-from objectfolder.audio.synthesis.bank import mode_bank
-from objectfolder.audio.synthesis.force import driven_bank
+from objectfolder.audio.synthesis.bank import driven_bank, mode_bank
 from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.support import Support
 from objectfolder.audio.synthesis.voices import Voices

@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.bank import Pulse, ring
-from objectfolder.audio.synthesis.force import drive
+from objectfolder.audio.synthesis.bank import Pulse, drive, ring
 from objectfolder.audio.synthesis.oscillators import Oscillators
 
 Floats = NDArray[np.float64]

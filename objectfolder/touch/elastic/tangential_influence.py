@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import j0, j1, jv
 
 from objectfolder.touch.elastic.elastomer import Elastomer
-from objectfolder.touch.elastic.layer import HIGHEST_WAVE_NUMBER, REACH
+from objectfolder.touch.elastic.influence import HIGHEST_WAVE_NUMBER, REACH
 
 GAUSS_NODES = 4  # along a cell, which is no longer than the layer is thick
 

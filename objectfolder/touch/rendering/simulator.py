@@ -8,9 +8,8 @@ import numpy as np
 from objectfolder.touch.contact.first_touch import contact_normals, first_touch_poses
 from objectfolder.touch.contact.indentation import deepest
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.gather import gather_samples
+from objectfolder.touch.rendering.gather import gather_samples, resolve
 from objectfolder.touch.rendering.rasterise import rasterise
-from objectfolder.touch.rendering.resolve import resolve
 from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
 from objectfolder.touch.sensor.gel import gel_constants

@@ -29,13 +29,13 @@ from objectfolder.vision.network.thin_glass import index_of, slab
 # Walls of a ray; what lies behind more is not seen.
 MOST_WALLS = 16
 # Rays through each pixel, and rays that are followed at a time.
-COARSE_RAYS, RAYS_AT_ONCE = 16, 1 << 16
+COARSE_RAYS, GLASS_RAYS_AT_ONCE = 16, 1 << 16
 # Times that a reflection shows reflections, and directions of a single ray's.
 REFLECTIONS, RAY_SAMPLES = 1, 8
 # A lamp's highlight of less, in units of the data set's lamp, has no shadow ray.
 FAINT = 1e-5
 # Parts the directions of the walls of a ray.
-WALL_STEP = 977
+WALL_ORDER_STEP = 977
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class GlassRenderer:
         """Return the mean (p, 4) of the rays of pixels, and how far (p,) these are apart, sRGB-encoded."""
         offsets = sub_ray_offsets(rays)
         mean, apart = np.zeros((len(pixel), 4)), np.zeros(len(pixel))
-        step = max(1, RAYS_AT_ONCE // rays)
+        step = max(1, GLASS_RAYS_AT_ONCE // rays)
         for first in range(0, len(pixel), step):
             part = pixel[first : first + step]
             origins, directions = pixel_rays(pose, part, offsets, size, field_of_view_deg)
@@ -259,7 +259,7 @@ class GlassRenderer:
         facet = self._surface.facets[points.face]
         widths = walls.terms[:, 0].astype(np.float64)
         of_ray = cast.of(walls.ray)
-        order = of_ray.order + WALL_STEP * walls.rank
+        order = of_ray.order + WALL_ORDER_STEP * walls.rank
         starts = scattered(Cast(of_ray.columns, of_ray.rows, order, of_ray.count))
         direction, density = lobe_directions(
             points.normal, facet, -points.direction, widths, *stepped(starts, sample), LEAST_COSINE

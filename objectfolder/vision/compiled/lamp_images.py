@@ -6,10 +6,9 @@ import numpy as np
 
 from objectfolder.vision.compiled.borders import contrasting, mixed, sum_by_pixel
 from objectfolder.vision.compiled.effort import Effort
-from objectfolder.vision.compiled.grouping import GROUPS
+from objectfolder.vision.compiled.grouping import GROUPS, samples_to_ask, split_groups
 from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.shading import SHOWN, Chosen, Shading, VisiblePoints, join_lights, labels_of
-from objectfolder.vision.compiled.shadows import samples_to_ask, split_groups
 from objectfolder.vision.compiled.visibility import View
 from objectfolder.vision.compositing import srgb_encode
 

@@ -1,9 +1,15 @@
-"""Fit a VisionNet's weights to the training views of an object."""
+"""Fit a VisionNet's weights to the training views of an object.
+
+Adam is taken by torch's function: its class imports torch's compiler, 2.5 CPU-s in each process that fits.
+"""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from torch.optim.adam import adam
 
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
@@ -20,7 +26,39 @@ from objectfolder.vision.network.reflectance import (
     surrounding_inputs,
 )
 from objectfolder.vision.network.sparse_grid import SparseGrid
-from objectfolder.vision.visionnet.adam import Adam
+
+EPSILON = 1e-12
+
+
+class Adam:
+    """Moves parameters against their gradients, each by about the rate.
+
+    Parameters
+    ----------
+    parameters
+        Tensors that gradients flow to.
+    """
+
+    def __init__(self, parameters: Iterable[torch.Tensor]) -> None:
+        self._parameters = list(parameters)
+        self._means = [torch.zeros_like(each) for each in self._parameters]
+        self._squares = [torch.zeros_like(each) for each in self._parameters]
+        self._counts = [torch.zeros(()) for _ in self._parameters]
+
+    def step(self, rate: float) -> None:
+        """Move those that have a gradient, and forget it."""
+        moved = [index for index, each in enumerate(self._parameters) if each.grad is not None]
+        lists = (self._parameters, self._means, self._squares, self._counts)
+        parameters, means, squares, counts = ([values[index] for index in moved] for values in lists)
+        gradients = [each.grad for each in parameters if each.grad is not None]
+        with torch.no_grad():
+            adam(
+                parameters, gradients, means, squares, [], counts, foreach=True, amsgrad=False,
+                beta1=0.9, beta2=0.999, lr=rate, weight_decay=0.0, eps=EPSILON, maximize=False,
+            )  # fmt: skip
+        for each in parameters:
+            each.grad = None
+
 
 with needs_extra("factory"):
     import torch

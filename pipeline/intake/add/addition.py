@@ -15,8 +15,7 @@ from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import LONGEST_M, SHORTEST_M, UNUSUAL_M, TexturedMesh, textured_mesh_of
 from objectfolder.mesh.walls import WallFinding, WallMeasures
 from objectfolder.products.store import Product
-from objectfolder.solid.shell import hollow
-from objectfolder.solid.thickening import thicken
+from objectfolder.solid.thickening import hollow, thicken
 from objectfolder.vision.appearance import OPAQUE
 from pipeline.dataset.catalogue import AS_IN_FILE, check_id
 from pipeline.intake.add.add_request import AddRequest

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
-from objectfolder.simulators.formats import FORMATS
-from objectfolder.simulators.xml_text import number, numbers, write_xml
+from objectfolder.simulators.formats import FORMATS, number, numbers, write_xml
 
 Floats = NDArray[np.float64]
 TABLE_THICKNESS_M = 0.04
