@@ -125,9 +125,9 @@ class KnownLight:
             return np.zeros((len(terms), 3))
         return terms[:, 2:3] * self._radiosity.irradiance(_far(around), points.face, points.barycentric)
 
-    def matt_round(self, points: Points, around: Environment) -> np.ndarray:
+    def matt_round(self, points: Points, appearance: Appearance, around: Environment) -> np.ndarray:
         """Return pi times the radiance (n, 3) of points in an environment but for their gloss."""
-        terms, albedo = self.features(points)
+        terms, albedo = appearance
         if self._radiosity is None:
             return np.zeros_like(albedo)
         arriving = self._radiosity.irradiance(_far(around), points.face, points.barycentric, direct=True)

@@ -4,9 +4,13 @@ Nothing of it is stored: sites follow from a seed, and what they send one anothe
 truth, a surface that light reaches from another is matt, and a metal black.
 """
 
+# Kernels are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
 import numpy as np
 from scipy.spatial import cKDTree
 
+from objectfolder.jit import arrayless, relaxed_kernel
 from objectfolder.vision.compiled.lattice_values import LatticeLookup, mix
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.network.face_lattice import FaceLattice
@@ -155,21 +159,40 @@ class Radiosity:
 
     def _field(self, lights: Lights, direct: bool) -> np.ndarray:
         """Return the values (v, 3) of the lattice that `irradiance` is between."""
+        arriving = self._arriving(lights)
+        sending = self._mean(arriving * self._point_albedo)
+        total = self._mean(arriving) if direct else np.zeros((SITES, 3))
+        for _ in range(BOUNCES):
+            reached = np.empty((3, SITES), dtype=np.float32)
+            _gather(self._exchange, np.ascontiguousarray(sending.T, dtype=np.float32), reached)
+            total += reached.T
+            sending = self._albedo * reached.T
+        return mix(total, self._near, self._share)
+
+    def _arriving(self, lights: Lights) -> np.ndarray:
+        """Return the irradiance (n, 3) of the points by lights."""
         arriving = np.zeros((len(self._site), 3))
         # Of many lights each is asked at some of the points, the next one at others.
         turns = max(1, len(lights[0]) * POINTS // ASKED)
-        lit_points = [self._points.of(np.arange(turn, len(arriving), turns)) for turn in range(turns)]
+        lit_points = [self._points]
+        if turns > 1:
+            lit_points = [self._points.of(np.arange(turn, len(arriving), turns)) for turn in range(turns)]
         for index, (light, colour) in enumerate(zip(*lights, strict=True)):
             irradiance, hidden = self._lit.light_from(lit_points[index % turns], light)
             irradiance[hidden] = 0.0
             arriving[index % turns :: turns] += turns * irradiance[:, None] * colour
-        sending = self._mean(arriving * self._point_albedo)
-        total = self._mean(arriving) if direct else np.zeros((SITES, 3))
-        for _ in range(BOUNCES):
-            reached = self._exchange @ sending.astype(np.float32)
-            total += reached
-            sending = self._albedo * reached
-        return mix(total, self._near, self._share)
+        return arriving
+
+
+@arrayless(relaxed_kernel)
+def _gather(exchange, sending, reached):
+    """Write the products (k, s) of a matrix (s, s) and columns (k, s), on every processor the same."""
+    for i in range(len(exchange)):
+        for k in range(len(sending)):
+            total = np.float32(0.0)
+            for j in range(exchange.shape[1]):
+                total += exchange[i, j] * sending[k, j]
+            reached[k, i] = total
 
 
 def _places(points: Points) -> np.ndarray:

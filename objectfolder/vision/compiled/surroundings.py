@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from objectfolder.jit import kernel
-from objectfolder.vision.compiled.known_light import INFINITE_DISTANCE, KnownLight
+from objectfolder.vision.compiled.known_light import INFINITE_DISTANCE, OFFSET, KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.lobes import Cast, lobe_directions, scattered, stepped
 from objectfolder.vision.compiled.network import CompiledNetwork
@@ -29,6 +29,8 @@ LIGHTS_A_PIXEL = 32
 BOUNCED_STEP = 8
 # Lookups are in a map finer than the sparseness of directions, by this many halvings.
 SHARPER = 1.0
+# Times that a highlight shows highlights.
+REFLECTIONS = 1
 # A highlight that reflects more than this is looked at along four times as many directions.
 STRONG = 0.1
 
@@ -168,9 +170,18 @@ class Surroundings:
         return colour, np.pi * gloss, plane * strength
 
     def _highlight(
-        self, lit: Highlit, cast: Cast, row: np.ndarray, samples: np.ndarray, alpha2: np.float32
+        self,
+        lit: Highlit,
+        cast: Cast,
+        row: np.ndarray,
+        samples: np.ndarray,
+        alpha2: np.float32,
+        reflections: int = REFLECTIONS,
     ) -> np.ndarray:
-        """Return radiance (m, 3) of the highlights of points `row` (m,) along their directions `samples`."""
+        """Return radiance (m, 3) of the highlights of points `row` (m,) along their directions `samples`.
+
+        What they show of the object has highlights itself, `reflections` deep, where its material is known.
+        """
         around, count, points = self._environment, len(samples), lit.points
         light = np.zeros((len(row), 3))
         facet = self._surface.facets[points.face[row]] * points.side[row, None]
@@ -196,7 +207,8 @@ class Surroundings:
             )
             cosine = np.einsum("ij,ij->i", direction[sent], points.normal[row[sent]])
             weight = gloss * (cosine / (np.pi * density[sent]))[:, None]
-            clear, met = self._met(start[sent], np.ascontiguousarray(direction[sent]), lit.matt[row[sent]])
+            rays = start[sent], np.ascontiguousarray(direction[sent])
+            clear, met = self._met(*rays, lit.matt[row[sent]], cast.of(row[sent]), reflections)
             sparse = 1.0 / (seeing[sent] * density[sent])
             level = 0.5 * np.log2(sparse / texel) - SHARPER
             sky = looked_up(around.texels, around.heights, direction[sent], level)
@@ -204,7 +216,7 @@ class Surroundings:
         return light
 
     def _met(
-        self, start: np.ndarray, direction: np.ndarray, matt: np.ndarray
+        self, start: np.ndarray, direction: np.ndarray, matt: np.ndarray, cast: Cast, reflections: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return which (n,) rays meet nothing, and the radiance (n, 3) of the object where they meet it.
 
@@ -218,7 +230,16 @@ class Surroundings:
         face, barycentric = volumes.first_hits(start, direction)
         met, radiance = np.flatnonzero(face >= 0), np.zeros((len(face), 3))
         points = self._surface.points(face[met], barycentric[met], direction[met])
-        radiance[met] = network.matt_round(points, self._environment) / np.pi
+        appearance = network.features(points)
+        radiance[met] = network.matt_round(points, appearance, self._environment) / np.pi
+        if reflections and len(met):
+            again = cast.of(met)
+            again = Cast(again.columns, again.rows, (1 + again.order) * OFFSET, again.count)
+            lit, all_met = Highlit(points, appearance[0], radiance[met]), np.arange(len(met))
+            # One direction each: few rays meet the object, and each of these is one of many.
+            radiance[met] += self._highlight(
+                lit, again, all_met, np.arange(1), network.alpha2, reflections - 1
+            )
         return face < 0, radiance
 
     def in_mirrors(self, points: Points, cast: Cast, samples: int) -> np.ndarray:
