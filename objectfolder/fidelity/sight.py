@@ -33,8 +33,8 @@ SIGHT_DEFINITIONS = {
 
 
 def foreground_alpha(views: Product) -> float:
-    """Return the alpha from which on the object is taken to cover half of a pixel."""
-    thin = views.attributes["appearance"].get("glass") == THIN
+    """Return the alpha from which on the object is taken to cover half of a pixel; views of glass say so."""
+    thin = views.attributes.get("appearance", {}).get("glass") == THIN
     return THIN_FOREGROUND_ALPHA if thin else FOREGROUND_ALPHA
 
 

@@ -133,7 +133,7 @@ class CompiledRenderer:
                 visible = self._shading.visible(chosen.points)
             if is_known:
                 colour += shade_gloss(
-                    self._shading, view, probes, chosen, visible.appearance, join_lights(lights)
+                    self._shading, view, probes, chosen, visible.appearance, join_lights(lights), effort
                 )
             if many:
                 colour += shade_in_turn(self._shading, view, lights, effort)
