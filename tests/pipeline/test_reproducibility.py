@@ -83,6 +83,7 @@ def stages(bar: Path) -> dict[str, dict[str, object]]:
         mesh=bar, texture=None, senses=("vision", "audio", "touch"),
         **dict.fromkeys(("name", "source", "licence", "attribution"), ""),
         **dict.fromkeys(("length_m", "up", "roughness", "metallic", "wall_m", "shell_m", "mass_kg")),
+        glass="opaque",
     )  # fmt: skip
     row = row_of(described, material)
     touch = {
