@@ -118,7 +118,9 @@ def test_a_first_query_compiles_few_functions_and_each_kernel_for_one_signature(
 @pytest.mark.slow
 def test_first_queries_call_few_kernels_each_with_one_signature():
     program = PROGRAM.format("\n".join([QUERIES["sight"][0], QUERIES["touch"][0], CALLED]))
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    # Once for the cache: a kernel whose parts alone are in it would load these beside it.
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert 20 < len(done.stdout.splitlines()[:-1]) <= MOST_CALLED
 
 
