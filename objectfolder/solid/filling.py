@@ -38,6 +38,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 NOTHING_INSIDE = "it encloses no volume on a grid of 200,000 nodes"
 TRIED_WALL = 0.01  # thickness over the diagonal that sheets are tried with before it is advised
+REVOLVED = "revolved"
 MOST_TURNED_WALL = 0.08  # over the diagonal, of bodies of revolution that are filled by turning
 
 
@@ -226,7 +227,7 @@ def _turned(
     if turned is None:
         return None
     epsilon_m = filling.epsilon_per_wall * measures.wall * scale
-    return turned, {"way": "revolved", "steps_around": turned.steps, "epsilon_m": epsilon_m}
+    return turned, {"way": REVOLVED, "steps_around": turned.steps, "epsilon_m": epsilon_m}
 
 
 def _ways(measures: Measures, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:

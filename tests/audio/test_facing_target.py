@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.audio.elements.facing_target import FacingTarget
+from objectfolder.audio.elements.facing_target import FacingTarget, rounding
 from objectfolder.surface.surface import Surface
 
 
@@ -27,6 +27,17 @@ def test_triangles_of_a_ball_are_as_round_as_the_ball() -> None:
     assert cut_off > 0.01
     assert np.abs(np.linalg.norm(places, axis=1) - 1).max() < 0.12 * cut_off
     assert np.einsum("ij,ij->i", normals, wanted).min() > np.cos(np.radians(1.5))
+
+
+def test_what_triangles_cut_off_is_the_volume_that_a_ball_has_more() -> None:
+    ball = surface_of(trimesh.creation.icosphere(3, 0.5))
+    volume, depth = rounding(ball)
+    lacking = np.pi / 6 - trimesh.Trimesh(ball.vertices, ball.faces).volume
+    assert volume == pytest.approx(lacking, rel=0.02)
+    assert depth == pytest.approx(lacking / np.pi, rel=0.02)
+    inward, same_depth = rounding(Surface(ball.vertices, ball.faces[:, ::-1]))
+    assert (inward, same_depth) == pytest.approx((-volume, depth), rel=1e-9)
+    assert rounding(surface_of(trimesh.creation.box((2, 2, 2)))) == pytest.approx((0, 0), abs=1e-12)
 
 
 @pytest.mark.parametrize(("sides", "round_share"), [(8, 0.0), (24, 1.0)])

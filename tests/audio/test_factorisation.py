@@ -74,3 +74,16 @@ def test_the_backward_error_of_a_solid_is_rounding(solver: str) -> None:
     stiffness, mass = assemble(space_on(box((4, 4, 1), (1, 1, 0.01)), 2, 1.0)[0], 0.3)
     factors = Factorisation(shifted(stiffness, mass, 25.0), definite=False, solver=solver)
     assert factors.backward_error() < 1e-14
+
+
+def test_solutions_need_no_entries_of_the_matrix() -> None:
+    """Of a definite matrix, and of an indefinite one after its count: they are dropped."""
+    right = np.random.default_rng(2).standard_normal((60, 3))
+    moved = (matrix() - 1.1 * sparse.identity(60)).tocsr()
+    factors = Factorisation(moved, definite=False)
+    before = factors.solve(right)
+    factors.negative()
+    np.testing.assert_array_equal(factors.solve(right), before)
+    if SOLVER == "PARDISO":
+        with pytest.raises(ValueError, match="gone"):
+            factors.backward_error()

@@ -110,16 +110,18 @@ def test_more_accuracy_takes_more_functions_and_lowers_every_eigenvalue() -> Non
     assert np.all(coarse.eta_squared[:shared] >= fine.eta_squared[:shared] * (1 - 1e-9))
 
 
-@pytest.mark.parametrize("rate", [3.0, 4.0, 5.5, 9.0])
-def test_what_is_to_come_of_an_algebraic_fall_is_not_underestimated(rate: float) -> None:
-    error = np.array([[1.0, 40.0, 7.0]]) * np.arange(2.0, 5.0)[:, None] ** -rate
-    drops = error[:-1] - error[1:]
-    once = what_is_to_come(drops[:1], 3)
-    assert np.all(once >= error[1] * (1 - 1e-12))
-    twice = what_is_to_come(drops, 4)
-    assert np.all(twice >= error[2] * (1 - 1e-9))
-    # What the largest fell beyond the median has the measured rate.
-    np.testing.assert_allclose(twice[1] - twice[2], error[2, 1] - error[2, 2], rtol=0.1)
+@pytest.mark.parametrize("order", [3, 4, 5])
+def test_what_is_to_come_is_that_of_edges_where_a_mode_fell_by_little(order: int) -> None:
+    """An error of C p^-3 to the last digit, those that fall faster from above, and large ones in part."""
+    step, size = np.array([order - 1.0, order]), np.array([[5.0, 20.0, 50.0]])
+    for rate in (3.0, 4.0, 9.0):
+        before, after = (size * 2.0 ** (rate - 3) * p**-rate for p in step)
+        to_come = what_is_to_come(before - after, order)
+        assert np.all(to_come >= after * (1 - 1e-12))
+        if rate == 3:
+            np.testing.assert_allclose(to_come, after, rtol=1e-12)
+    large = what_is_to_come(np.array([100.0, 200.0]), order)
+    np.testing.assert_allclose(np.diff(large), 7.0)
 
 
 @cache

@@ -9,6 +9,7 @@ from objectfolder.surface.bounding_boxes import closest_barycentric
 from objectfolder.surface.surface import (
     SHARP_ABOVE_DEG,
     SMOOTH_BELOW_DEG,
+    EdgeTable,
     Surface,
     corner_angles,
     edge_table,
@@ -47,14 +48,9 @@ class FacingTarget:
         self._points = np.concatenate([self._triangles.mean(axis=1), extra.points])
         self._faces = np.concatenate([np.arange(len(surface.faces)), extra.face])
         self._trees: dict[float, cKDTree] = {}
-        edges = edge_table(surface.faces)
-        first, second = edges.manifold_pairs()
-        normals = surface.face_normals
-        turned = np.einsum("ij,ij->i", normals[first // 3], normals[second // 3])
-        self._roundness = _roundness(
-            surface, first, second, np.degrees(np.arccos(np.clip(turned, -1.0, 1.0)))
-        )
-        sharp = edges.of_corner[first[turned < np.cos(np.radians(SHARP_TURN))]]
+        edges, (first, second, turned) = _turns(surface)
+        self._roundness = _roundness(surface, first, second, turned)
+        sharp = edges.of_corner[first[turned > SHARP_TURN]]
         self._creases = np.asarray(surface.vertices[edges.vertices[sharp]])
         length = np.linalg.norm(self._creases[:, 1] - self._creases[:, 0], axis=1)
         typical = float(np.median(length)) if len(length) else 1.0
@@ -114,6 +110,34 @@ class FacingTarget:
         distance = np.linalg.norm(closest - points[:, None], axis=2)
         rows, best = np.arange(len(points)), distance.argmin(axis=1)
         return closest[rows, best], distance[rows, best] <= reach
+
+
+def rounding(surface: Surface) -> tuple[float, float]:
+    """Volume between the triangles of a surface and the round ones that they stand for, and its mean depth.
+
+    The volume is positive where the triangles cut off what bulges; the depth is taken either way. Triangles
+    are bent as those of `FacingTarget`; the integral over each is in closed form.
+    """
+    normals = _corner_normals(surface)
+    _, (first, second, turned) = _turns(surface)
+    corners = surface.vertices[surface.faces]
+    corners = corners - corners.mean(axis=1, keepdims=True)
+    height = np.einsum("fjd,fkd->fjk", corners, normals)
+    own = np.einsum("fkk->fk", height)
+    weighed = own / 3 - (height.sum(axis=1) + own) / 12  # mean of the height times its corner's weight
+    upward = np.einsum("fkd,fd->fk", normals, surface.face_normals)
+    depth = _roundness(surface, first, second, turned) / 2 * np.sum(weighed * upward, axis=1)
+    area = surface.face_areas
+    return float(area @ depth), float(area @ np.abs(depth) / area.sum())
+
+
+def _turns(surface: Surface) -> tuple[EdgeTable, tuple[Integers, Integers, Floats]]:
+    """Edges, and of each between two faces a corner of either face and the turn in degrees."""
+    edges = edge_table(surface.faces)
+    first, second = edges.manifold_pairs()
+    normals = surface.face_normals
+    cosine = np.einsum("ij,ij->i", normals[first // 3], normals[second // 3])
+    return edges, (first, second, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def _corner_normals(surface: Surface) -> Floats:

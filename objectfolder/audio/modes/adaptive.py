@@ -50,10 +50,10 @@ START_TOLERANCE = 1e-3
 # eigenvalues 2.25 times. Bodies without a mode of order 2 below twice that times the limit are silent. For
 # others the first modes of orders 2 and 3 decide.
 COMPACT_LIMIT, HEARD_BAND, FIRST_MODES = 9.0, 4.5, 4
-# Exponents with which the error may fall with the order, the slowest where only one step was made. With these
-# at least 95 % of the errors of bars, plates and bodies of revolution are below what is stated with the
-# geometry's, which is less than 5 times the error in the median.
-RATES = 3.0, 9.0
+# What sharp edges leave falls like p^-3 with the order p, the slowest fall seen. Where that would be more than
+# these cents, a mode fell by its inside, of which the next orders take off nearly all: this share of the fall is
+# left. Chosen on fourteen bodies, see `docs/modes.md`.
+EDGE_RATE, EDGE_CENTS, INSIDE_SHARE = 3.0, 2.5, 0.07
 # Share of the wanted error left to the functions of one order that are not taken.
 SHARE_LEFT = 0.7
 # Elements beside those of lower order gain less than among their like: seen on bars, plates and scans.
@@ -339,42 +339,36 @@ def _widened(vectors: Floats, among: Chosen) -> Floats:
 
 
 def _remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
-    """Estimated frequency error of each mode, cents, (k,): what was left out, and what is to come.
+    """Estimated frequency error of each mode, cents, (k,): what was left out or what is to come, if more.
 
-    Of functions left out the larger of what the next leading modes on either side lack. Modes that a solution
-    on the way had not are as wrong as the worst.
+    Each alone covers nearly all errors, and their sum is more than is needed. Of functions left out the
+    larger of what the next leading modes on either side lack. Modes that the solution before had not are as
+    wrong as the worst.
     """
-    ladder = [*choice.ladder, eta_squared]
-    modes = np.arange(min(len(values) for values in ladder))
-    if len(modes) == 0 or len(ladder) == 1:
+    if not choice.ladder:
         return np.zeros(0)
-    relative = np.stack([values[modes] / eta_squared[modes] for values in ladder])
+    modes = np.arange(min(len(choice.ladder[-1]), len(eta_squared)))
+    if len(modes) == 0:
+        return np.zeros(0)
     omitted_cents = np.zeros(len(modes))
     if len(choice.leading):
         above = np.minimum(np.searchsorted(choice.leading, modes), len(choice.leading) - 1)
         below = np.maximum(np.searchsorted(choice.leading, modes, side="right") - 1, 0)
         omitted_cents = np.maximum(choice.left_cents[above], choice.left_cents[below])
-    drops = np.maximum(relative[:-1] - relative[1:], 0)
-    to_come = CENTS_PER_RELATIVE_EIGENVALUE * what_is_to_come(drops, GEOMETRY_ORDER + len(drops))
-    cents = np.full(len(eta_squared), (omitted_cents + to_come).max())
-    cents[modes] = omitted_cents + to_come
+    drops = np.maximum(choice.ladder[-1][modes] / eta_squared[modes] - 1, 0)
+    to_come = what_is_to_come(CENTS_PER_RELATIVE_EIGENVALUE * drops, GEOMETRY_ORDER + len(choice.ladder))
+    likely = np.maximum(omitted_cents, to_come)
+    cents = np.full(len(eta_squared), likely.max())
+    cents[modes] = likely
     return cents
 
 
-def what_is_to_come(drops: Floats, order: int) -> Floats:
-    """How far quantities (k,) that fell by `drops` (step, k), the last to `order`, are from their limit.
+def what_is_to_come(drops_cents: Floats, order: int) -> Floats:
+    """How many cents frequencies (k,) that fell by `drops_cents` with the last step to `order` are too high.
 
     Where edges are sharp the error falls as C p^-s with the order p (I. Babuska and M. Suri, SIAM Review 36,
-    1994). The drop to order p is then C ((p - 1)^-s - p^-s), and C p^-s is to come. Edges lead every mode,
-    and the slowest s of `RATES` stands for them. What a mode fell more than the median one is of the inside,
-    which converges with the s measured from the body's last two steps together.
+    1994). The drop to order p is then C ((p - 1)^-s - p^-s), and C p^-s is to come. Small drops are of edges.
+    Large ones are of bending inside the elements, where the error falls exponentially.
     """
-    rates = np.linspace(*RATES, 101)
-    error = np.stack([(order - step) ** -rates for step in (2, 1, 0)])
-    to_come = error[2] / (error[1] - error[2])
-    measured = 0
-    if len(drops) > 1 and drops[-2].sum() > 0:
-        fall = (error[1] - error[2]) / (error[0] - error[1])
-        measured = int(np.abs(fall - drops[-1].sum() / drops[-2].sum()).argmin())
-    usual = np.minimum(drops[-1], np.median(drops[-1]))
-    return np.asarray(usual * to_come[0] + (drops[-1] - usual) * to_come[measured])
+    share = order**-EDGE_RATE / ((order - 1) ** -EDGE_RATE - order**-EDGE_RATE)
+    return np.minimum(share * drops_cents, EDGE_CENTS + INSIDE_SHARE * drops_cents)

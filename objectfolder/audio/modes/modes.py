@@ -11,6 +11,7 @@ from objectfolder.audio.air.multipoles import radiation_arrays
 from objectfolder.audio.air.radiation import radiate
 from objectfolder.audio.air.radiation_loss import dampings_of, radiation_dampings
 from objectfolder.audio.damping import LOSS_FACTOR, damping_of, describe_damping
+from objectfolder.audio.elements.facing_target import rounding
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
@@ -30,7 +31,7 @@ from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.comparison import geometry_error_cents, shape_warnings, volume_error
-from objectfolder.solid.filling import Filling, fill
+from objectfolder.solid.filling import REVOLVED, Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
 
@@ -278,7 +279,9 @@ def _read(
     }
     attributes: dict[str, Any] = {
         **spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
-        "geometry_error_estimate_cents": geometry_error_cents(solid, volume_m3, distance, wall_m),
+        "geometry_error_estimate_cents": geometry_error_cents(
+            solid, volume_m3, distance, wall_m, _rounding(solid)
+        ),
         "discretisation": {
             "elements": len(solid.tetrahedra),
             "unknowns": spectrum.unknowns,
@@ -293,6 +296,13 @@ def _read(
         "material": material.name,
     }
     return arrays, attributes
+
+
+def _rounding(solid: Solid) -> tuple[float, float]:
+    """Volume, m^3, and mean depth, m, that the triangles of a body of revolution cut off."""
+    if solid.target is None or solid.report.get("way") != REVOLVED:
+        return 0.0, 0.0
+    return rounding(solid.target)
 
 
 def _in_air(
