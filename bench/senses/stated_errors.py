@@ -24,7 +24,7 @@ from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, compare
 from bench.rivals.audio.uniform import MAX_MODES
 from bench.senses.catalogue import MATERIALS
 from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes.modes import ACCURACY_CENTS, simulate_modes
+from objectfolder.audio.modes.modes import ACCURACY_CENTS, SPHERE, simulate_modes
 from objectfolder.surface.surface import Surface
 
 COMPARED = (
@@ -61,7 +61,7 @@ def measure(name: str) -> dict[str, Any]:
     start = cpu_seconds()
     product = simulate_modes(
         surface, material, name=name, max_frequency_hz=MAX_FREQUENCY_HZ, max_modes=MAX_MODES,
-        training_points=1000, held_out_points=100, seed=0,
+        training_points=1000, held_out_points=100, seed=0, radiation=SPHERE,
     )  # fmt: skip
     spent = cpu_seconds() - start
     geometry = product.attributes["geometry_error_estimate_cents"] or 0.0
@@ -80,14 +80,10 @@ def measure(name: str) -> dict[str, Any]:
 
 
 def figures(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    parts = {"fitted": True, "held_out": False}
-    return {
-        "bodies": rows,
-        **{
-            part: together({name: row for name, row in rows.items() if (name in FITTED) == fitted})
-            for part, fitted in parts.items()
-        },
-    }
+    fitted = {name: row for name, row in rows.items() if name in FITTED}
+    held_out = {name: row for name, row in rows.items() if name not in FITTED}
+    parts = {"fitted": fitted, "held_out": held_out}
+    return {"bodies": rows, **{part: together(some) for part, some in parts.items() if some}}
 
 
 def together(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
@@ -135,7 +131,7 @@ def main() -> None:
         rows[name] = kept(given.folder / f"{name}.json", lambda at=name: measure(at))
         shown = ("modes", "modes_of_reference", "median_cents", "worst_cents", "cpu_s")
         print(name, {key: rows[name].get(key) for key in shown}, flush=True)
-    settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": "the default"}
+    settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": ACCURACY_CENTS, "radiation": SPHERE}
     conclude("stated_errors", figures(rows), settings, COMPARED, draw)
 
 
