@@ -28,6 +28,7 @@ MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
 # Right-hand sides solved for at a time: PARDISO takes memory for each.
 RIGHT_SIDES_AT_ONCE = 32
+ROWS_AT_ONCE = 16384
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 
 
@@ -149,8 +150,11 @@ class Factorisation:
         upper, diagonal = self._upper, self._upper.diagonal()
         right = np.random.default_rng(0).standard_normal((len(diagonal), 1))
         solution = self.solve(right)
-        entries = abs(upper)
-        rows = entries.sum(axis=1).A1 + entries.sum(axis=0).A1 - np.abs(diagonal)
+        rows = -np.abs(diagonal)
+        for first in range(0, len(rows), ROWS_AT_ONCE):  # a copy of all entries would be much of the memory
+            entries = abs(upper[first : first + ROWS_AT_ONCE])
+            rows[first : first + ROWS_AT_ONCE] += entries.sum(axis=1).A1
+            rows += entries.sum(axis=0).A1
         wrong = upper @ solution + upper.T @ solution - diagonal[:, None] * solution - right
         size = rows.max() * np.linalg.norm(solution) + np.linalg.norm(right)
         return float(np.linalg.norm(wrong) / size)

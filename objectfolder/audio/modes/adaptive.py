@@ -50,9 +50,9 @@ START_TOLERANCE = 1e-3
 # eigenvalues 2.25 times. Bodies without a mode of order 2 below twice that times the limit are silent. For
 # others the first modes of orders 2 and 3 decide.
 COMPACT_LIMIT, HEARD_BAND, FIRST_MODES = 9.0, 4.5, 4
-# What sharp edges leave falls like p^-3 with the order p, the slowest fall seen. Where that would be more than
-# these cents, a mode fell by its inside, of which the next orders take off nearly all: this share of the fall is
-# left. Chosen on fourteen bodies, see `docs/modes.md`.
+# What sharp edges leave falls like p^-3 with the order p, the slowest fall seen. Where that would be more
+# than these cents, a mode fell by its inside, of which the next orders take off nearly all: this share of the
+# fall is left. Chosen on fourteen bodies, see `docs/modes.md`.
 EDGE_RATE, EDGE_CENTS, INSIDE_SHARE = 3.0, 2.5, 0.07
 # Share of the wanted error left to the functions of one order that are not taken.
 SHARE_LEFT = 0.7
