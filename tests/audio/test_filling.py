@@ -282,6 +282,12 @@ def test_a_kill_from_outside_makes_no_other_solid(monkeypatch: pytest.MonkeyPatc
     assert len(calls) == 1
 
 
+def test_an_object_of_24_metres() -> None:
+    solid = fill(Surface(*block((24.0, 2.0, 1.0))))
+    sound(solid)
+    assert solid.volume_m3 == pytest.approx(48, rel=0.01)
+
+
 def spiked() -> Surface:
     """A cube with a spike on its top, in all 1.6 times as high as wide."""
     cube = trimesh.creation.box((1.0, 1.0, 1.0))
