@@ -55,15 +55,15 @@ def unharmed(folder: Path) -> list[dict[str, str]]:
 
 def test_some_mutated_files_of_every_kind(tmp_path):
     """What mutated files are refused for is what was done to them: whole, each is read."""
-    whole = unharmed(tmp_path)
-    found = held(whole + mutated(tmp_path, QUICK))
-    assert {one["outcome"] for one in found[: len(whole)]} == {"mesh"}
-    found = found[len(whole) :]
-    kinds = Counter(one["kind"] for one in found)
+    originals = unharmed(tmp_path)
+    outcomes_of_files = held(originals + mutated(tmp_path, QUICK))
+    assert {result["outcome"] for result in outcomes_of_files[: len(originals)]} == {"mesh"}
+    mutations = outcomes_of_files[len(originals) :]
+    kinds = Counter(result["kind"] for result in mutations)
     assert kinds.keys() == OBJECTS.keys()
     assert min(kinds.values()) == 4
     # Some mutations do no harm, most do.
-    outcomes = Counter(one["outcome"] for one in found)
+    outcomes = Counter(result["outcome"] for result in mutations)
     assert outcomes["mesh"] > 5
     assert outcomes["refused"] > 20
 

@@ -644,11 +644,11 @@ def test_modes_of_a_mesh_are_those_solved_to_what_is_asked_for(
     small_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     solved, parameters = read_product(small_file.with_name("modes.zarr.zip")), signature(simulate_modes)
-    asked: dict[str, Any] = {}
+    call: dict[str, Any] = {}
 
     def simulate(surface: Surface, material: Material, **options: object) -> Product:
         parameters.bind(surface, material, **options)
-        asked.update(options, extents_m=np.ptp(surface.bounds, axis=0).tolist(), material=material.name)
+        call.update(options, extents_m=np.ptp(surface.bounds, axis=0).tolist(), material=material.name)
         reached = {"accuracy_reached": True, "warnings": []}
         missed = {"accuracy_reached": False, "warnings": ["0.001 cents wanted"]}
         return Product(
@@ -660,8 +660,8 @@ def test_modes_of_a_mesh_are_those_solved_to_what_is_asked_for(
     trimesh.creation.box((0.1, 0.01, 0.005)).export(mesh)
     command = ["modes", str(mesh), "--material", "ceramic", "--max-frequency", "6000", "--length", "0.2"]
     assert main([*command, "--accuracy-cents", "30", "--json"]) == 0
-    assert (asked["material"], asked["max_frequency_hz"], asked["name"]) == ("ceramic", 6000, "beam.stl")
-    assert asked["extents_m"] == pytest.approx([0.2, 0.02, 0.01], rel=1e-3)
+    assert (call["material"], call["max_frequency_hz"], call["name"]) == ("ceramic", 6000, "beam.stl")
+    assert call["extents_m"] == pytest.approx([0.2, 0.02, 0.01], rel=1e-3)
     result = json.loads(capsys.readouterr().out)
     assert {"dampings_per_s", "count_certificate", "error_estimate_cents", "seconds"} <= set(result)
     assert result["frequencies_hz"] == solved["frequencies_hz"].tolist()

@@ -97,8 +97,8 @@ def test_rays_meet_the_front_faces_of_nested_shells_once_each_in_order():
 def test_alpha_is_what_the_walls_of_a_box_keep(walls, mesh):
     clear = replace(mesh, textures=(np.full((1, 1, 4), 255, np.uint8),))
     image = net_of(clear).render(CAMERA, np.array([0.0, 1.0, 0.5]), 33, 39.6)[0]
-    kept = 2 * UPRIGHT / (1 + UPRIGHT)
-    assert image[16, 16, 3] == pytest.approx(1 - (1 - kept) ** walls, abs=1e-4)
+    reflectance = 2 * UPRIGHT / (1 + UPRIGHT)
+    assert image[16, 16, 3] == pytest.approx(1 - (1 - reflectance) ** walls, abs=1e-4)
     assert image[0, 0, 3] == 0
 
 
@@ -113,12 +113,12 @@ def test_an_even_environment_shows_by_what_is_reflected_alone():
 
 def test_an_answer_is_the_same_in_part_and_along_a_ray():
     net, light = net_of(hollow(sphere(0.5, WHITE, 2), 0.1)), np.array([0.6, -0.7, 0.5])
-    whole = net.render(CAMERA, light, 24, 39.6)
+    image = net.render(CAMERA, light, 24, 39.6)
     part = net.render(CAMERA, light, 24, 39.6, crop=(5, 6, 9, 8))
-    np.testing.assert_array_equal(part[0], whole[0, 5:14, 6:14])
+    np.testing.assert_array_equal(part[0], image[0, 5:14, 6:14])
     along = net.radiance(CAMERA[:, :3, 3], -CAMERA[:, :3, 2], light)
-    kept = 2 * UPRIGHT / (1 + UPRIGHT)
-    assert along[0, 3] == pytest.approx(1 - (1 - kept) ** 2, abs=1e-3)
+    reflectance = 2 * UPRIGHT / (1 + UPRIGHT)
+    assert along[0, 3] == pytest.approx(1 - (1 - reflectance) ** 2, abs=1e-3)
 
 
 def test_a_glass_shell_is_as_cycles_draws_it():
@@ -126,9 +126,11 @@ def test_a_glass_shell_is_as_cycles_draws_it():
     counts = {"training_views": 1, "training_samples": 1, "held_out_views": 2, "held_out_samples": 32}
     views = simulate_views(mesh, THIN, resolution=32, **counts, seed=4, passes=False)
     assert "slab" in views.attributes["transmission"]
-    kept = views["held_out"]
-    truth = views["rgba"][kept].astype(np.float64)
-    answer = net_of(mesh).render(views["camera_to_world"][kept], views["light_position"][kept], 32, 39.6)
+    held_out = views["held_out"]
+    truth = views["rgba"][held_out].astype(np.float64)
+    answer = net_of(mesh).render(
+        views["camera_to_world"][held_out], views["light_position"][held_out], 32, 39.6
+    )
     within = held_out_truth(views)[1]
     assert foreground_alpha(views) < 0.05
     assert within.sum() > 500
@@ -173,9 +175,9 @@ def test_a_file_of_thin_glass_has_a_version_of_its_own(small_file: Path, tmp_pat
     assert (again.vision.glass, bar.vision.glass) == ("thin", "opaque")
     assert "sight        computed as thin glass" in info_lines(again, tmp_path / "bar.safetensors")
     content = again.content()
-    said = json.loads(content.metadata["vision"])
-    said["appearance"]["glass"] = "milky"
-    wrong = TensorFile(content.tensors, {**content.metadata, "vision": json.dumps(said)})
+    description = json.loads(content.metadata["vision"])
+    description["appearance"]["glass"] = "milky"
+    wrong = TensorFile(content.tensors, {**content.metadata, "vision": json.dumps(description)})
     write_tensor_file(tmp_path / "wrong.safetensors", wrong)
     with pytest.raises(FormatError):
         load(tmp_path / "wrong.safetensors")

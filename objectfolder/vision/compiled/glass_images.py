@@ -296,7 +296,7 @@ def _seen(around: Environment, direction: np.ndarray, solid_angle: np.ndarray) -
 
 
 def _covered(projection: Projection, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return row and column (p,) of the image's pixels in which any of so many sub-samples sees a face."""
+    """Return row and column (p,) of the pixels in which at least one of `samples` sub-rays meets a face."""
     count = projection.height * projection.width
     slots = np.arange(count, dtype=np.int32).reshape(projection.height, projection.width)
     offsets = np.ascontiguousarray((sub_ray_offsets(samples) - 0.5).astype(np.float32).T)
