@@ -48,7 +48,7 @@ COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     ),
     "Tables of objects": (tables.add, tables.check, tables.fetch),
     "Sensors": (sensors.calibrate,),
-    "Data set": (data_set.select, data_set.plan, data_set.status, data_set.clean),
+    "Data set": (data_set.select, data_set.partition, data_set.plan, data_set.status, data_set.clean),
     "Stages, as dvc.yaml runs them": (
         data_set.starter, data_set.code, data_set.inputs, data_set.products, data_set.record, data_set.stage,
         data_set.report, data_set.failures,

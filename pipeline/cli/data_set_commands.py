@@ -74,11 +74,33 @@ def code(*, root: Root = Path(".")) -> None:
     write_code_digests(root.absolute())
 
 
-def inputs(*, root: Root = Path(".")) -> None:
-    """Write the table and digests of the meshes: data/records.json, data/inputs.json."""
+def inputs(*, partitions: bool = False, root: Root = Path(".")) -> None:
+    """Write the table and digests of the meshes: data/records.json, data/inputs.json.
+
+    Parameters
+    ----------
+    partitions
+        those of each partition, and its table
+    """
+    from pipeline.run.partitions import write_partition_inputs
     from pipeline.run.source_digests import write_inputs
 
-    write_inputs(root.absolute())
+    (write_partition_inputs if partitions else write_inputs)(root.absolute())
+
+
+def partition(
+    *, objects: Annotated[int, AtLeastOne] = 10_000, json: Json = False, root: Root = Path(".")
+) -> None:
+    """Cut a long table into partitions, each a data set of its own below partitions/.
+
+    Parameters
+    ----------
+    objects
+        a partition, at most, about
+    """
+    from pipeline.run.partitions import partition as lay_out
+
+    print_result(lay_out(root.absolute(), objects), json=json)
 
 
 def record(name: str, /, *, root: Root = Path("."), cluster: Cluster = None, json: Json = False) -> int:
@@ -104,21 +126,28 @@ def starter(*, root: Root = Path(".")) -> None:
         write_starter_set(root.absolute() / "data" / "starter")
 
 
-def report(*, summary: bool = False, json: Json = False, root: Root = Path(".")) -> None:
+def report(
+    *, summary: bool = False, partitions: bool = False, json: Json = False, root: Root = Path(".")
+) -> None:
     """Write the tables, the pages and the cards of the data set.
 
     Parameters
     ----------
     summary
         write nothing; say what the last report found, and how to look at it
+    partitions
+        write a page and metrics of all partitions, from their reports
     json
         print the summary as JSON
     """
     from pipeline.publish.data_set import make_report, summary_of
+    from pipeline.publish.report.partition_index import write_partition_index
 
     if json and not summary:
         raise UsageError("report --json", "prints a summary", "Give --summary too.")
-    if summary:
+    if partitions:
+        write_partition_index(root.absolute())
+    elif summary:
         print_result(summary_of(root), json=json)
     else:
         with status_line("writing the report"):

@@ -35,6 +35,7 @@ EXAMPLES = {
         "calibrate photographs --ball 4.70 --sensor gelsight --pixels-per-mm 19.58 -o sensor.yaml",
     ),
     "select": ("select --table data/my_objects.csv", "select --only mug,bell"),
+    "partition": ("partition", "partition --objects 5000"),
     "plan": ("plan", "plan --count 1000 --workers 2 64"),
     "status": ("status --json",),
     "clean": ("clean", "clean --yes"),

@@ -12,11 +12,12 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.provenance import fingerprint
-from objectfolder.products.regular_file import require_regular
+from objectfolder.products.regular_file import read_regular, require_regular
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.verified import FINGERPRINT, Verified
@@ -99,6 +100,11 @@ def read_products(root: Path) -> dict[str, Entry]:
         remedy = "Delete it, and run `dvc repro`."
         raise InputError(str(PRODUCTS), f"cannot be read ({error})", remedy) from error
     return {entry.path: entry for entry in lines if entry.path}
+
+
+def read_summary(root: Path) -> dict[str, dict[str, Any]]:
+    """Return what ``data/manifest.json`` says of each stage: digest, products, bytes, failed."""
+    return dict(json.loads(read_regular(root / MANIFEST))["stages"])
 
 
 def forget(root: Path, tasks: Collection[tuple[str, str]]) -> None:

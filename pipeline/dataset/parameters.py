@@ -242,7 +242,7 @@ def read_parameters(path: Path, size: str | None = None) -> Parameters:
     if isinstance(objects, dict) and "only" in objects:  # of earlier versions
         remedy = "Delete that line. `objectfolder select --only ID,ID` selects objects, for one checkout."
         raise InputError(path.name, "objects.only is no parameter any more", remedy)
-    file = validated(path.name, ParametersFile, content, {"root": path.parent})
+    file = validated(path.name, ParametersFile, content, {"root": path.resolve().parent})
     size = size or file.size
     if size not in file.sizes:
         known = ", ".join(file.sizes)

@@ -75,6 +75,8 @@ def select(root: Path, table: str | None, only: str | None) -> list[str]:
     meshes = before.meshes if new_table == before.table else _meshes(root.absolute(), new_table)
     if meshes != before.meshes:
         changes.append(f"{path.name}: objects.meshes is now {meshes} (was {before.meshes})")
+    if changes and path.is_symlink():
+        raise InputError("--table", f"{root} is a partition", "Choose the table of the checkout above it.")
     if changes:
         yaml = YAML()
         yaml.preserve_quotes, yaml.width = True, 4096

@@ -1,4 +1,4 @@
-"""The command of stages of ``dvc.yaml`` that own folders: ``python -m pipeline.run.record STAGE``.
+"""The command of stages that own folders: ``python -m pipeline.run.record STAGE [--root DIR]``.
 
 As a rule, the stage `products` has just written the manifest, and the folders hold what it lists. Seeing that
 takes this module, which imports next to nothing, a tenth of the time of ``objectfolder record STAGE``, which
@@ -45,5 +45,6 @@ def _state(path: Path) -> list[int]:
 
 if __name__ == "__main__":
     gc.disable()  # the collector takes half of the seconds in which the entries of 10,000 objects are read
-    if not is_recorded(Path.cwd(), sys.argv[1]):
+    root = Path(sys.argv[sys.argv.index("--root") + 1]) if "--root" in sys.argv else Path.cwd()
+    if not is_recorded(root, sys.argv[1]):
         os.execv(sys.executable, [sys.executable, "-m", "pipeline.cli", "record", *sys.argv[1:]])

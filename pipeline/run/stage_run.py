@@ -22,6 +22,7 @@ from pipeline.dataset.verified import Verified
 from pipeline.run.converge import Summary, converge
 from pipeline.run.damage import set_changed_aside, set_damaged_aside
 from pipeline.run.exclusive import exclusive
+from pipeline.run.partitions import require_whole
 from pipeline.store.product_cache import ProductCache
 
 NAMED = 8  # objects that a message names
@@ -64,6 +65,7 @@ def make_stage(root: Path, name: str, place: str | None = None) -> StageRun:
 
 def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     """Converge stages over the selected objects, and bring the manifest to what they made."""
+    require_whole(root)
     parameters = read_parameters(root / PARAMETERS)
     where = read_place(root, place)
     records = read_table(root, parameters.objects) if "objects" in names else read_records(root)

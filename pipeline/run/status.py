@@ -25,6 +25,7 @@ from pipeline.dataset.stage import Row, Stage
 from pipeline.dataset.stages import MODES, OBJECTS, STAGES
 from pipeline.dataset.verified import FINGERPRINT, Verified
 from pipeline.run.exclusive import owner
+from pipeline.run.partitions import require_whole
 
 CURRENT, STALE, MISSING, FAILED, WAITING, UNLISTED = (
     "current", "stale", "missing", "failed", "waiting", "unlisted",
@@ -82,6 +83,7 @@ def status(
     refused: dict[str, str] = {}
     listed = frozenset(rows or ())
     if rows is None:
+        require_whole(root)
         records = read_table(root, parameters.objects)
         listed = records.listed
         records = records.selected(read_selection(root))

@@ -18,6 +18,7 @@ from pipeline.store import shared
 from pipeline.store.storage import copy_file, disk_error, product_name
 
 INDEX = Path(products.STATE) / "products.csv"
+COPIES = (".dvc", "tmp", "exps")  # where DVC keeps the copies
 LINE = re.compile(r"([0-9a-f]{64}),([a-z_]+\.[a-z.]+),([0-9a-f]{32})")
 
 
@@ -28,9 +29,11 @@ class ProductCache:
     """
 
     def __init__(self, root: Path) -> None:
-        parents = root.parents
-        in_copy = len(parents) > 3 and [folder.name for folder in parents[:3]] == ["exps", "tmp", ".dvc"]
-        self._root = parents[3] if in_copy else root
+        parts = root.parts
+        copies = [place for place in range(len(parts) - 3) if parts[place : place + 3] == COPIES]
+        self._root = Path(*parts[: copies[-1]], *parts[copies[-1] + 4 :]) if copies else root
+        checkouts = (self._root, *self._root.parents)  # a partition lies below its checkout
+        self._own = next((path for path in checkouts if (path / ".dvc").is_dir()), self._root) / ".dvc"
 
     def path(self, md5: str) -> Path:
         """Return where a file with this content lies, if the cache has it."""
@@ -100,7 +103,6 @@ class ProductCache:
 
     @functools.cached_property
     def _folder(self) -> Path:
-        own = self._root / ".dvc"
         config = configparser.ConfigParser(interpolation=None)
-        config.read([own / "config", own / "config.local"], encoding="utf-8")
-        return own / config.get("cache", "dir", fallback="cache") / "files" / "md5"
+        config.read([self._own / "config", self._own / "config.local"], encoding="utf-8")
+        return self._own / config.get("cache", "dir", fallback="cache") / "files" / "md5"

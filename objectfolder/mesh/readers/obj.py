@@ -142,8 +142,11 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
 def material_libraries(path: Path) -> list[str]:
     """Return what the `mtllib` statements of an OBJ file name, as written."""
     libraries = []
-    for line in _lines(path):
-        words = line.split(maxsplit=1)
+    text = read_text(path)
+    if "mtllib" not in text:
+        return []
+    for line in joined_lines(text):
+        words = line.split(maxsplit=1) if "mtllib" in line else []
         if words[:1] == ["mtllib"] and len(words) == 2:
             libraries.append(words[1].strip())
     return list(dict.fromkeys(libraries))

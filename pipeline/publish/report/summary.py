@@ -7,9 +7,8 @@ import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTE_PARTS, BYTES, REPORTED, SENSES, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
 
@@ -141,18 +140,32 @@ def mean(values: Sequence[float | None]) -> float | None:
 PARTS = ("body", *SENSES, "bytes")
 
 
-def metrics_text(
-    summaries: Sequence[MeasureSummary], objects: Sequence[MeasuredObject], failures: Sequence[FailedObject]
-) -> str:
+class MeanAndWorst(Protocol):
+    """A measure over objects; None where none has it."""
+
+    @property
+    def measure(self) -> Measure:
+        """What is measured."""
+
+    @property
+    def mean(self) -> float | None:
+        """Mean over the objects."""
+
+    @property
+    def worst(self) -> float | None:
+        """Worst of the objects."""
+
+
+def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failed: int, silent: int) -> str:
     """Return mean and worst of each measure over the objects that have it, as JSON, one key a line.
 
     Silent objects leave the means of audio and are counted instead; a measure that no object has is
-    null. `failed` counts objects, not failures.
+    null. `objects`, `failed` and `silent` count objects.
     """
     table: dict[str, Any] = {
-        "objects": len(objects),
-        "failed": len({failure.object for failure in failures}),
-        "audio": {"silent_objects": sum(one.silent for one in objects)},
+        "objects": objects,
+        "failed": failed,
+        "audio": {"silent_objects": silent},
     }
     for summary in summaries:
         numbers = {"mean": _rounded(summary.mean), "worst": _rounded(summary.worst)}

@@ -82,7 +82,12 @@ def write_report(
     verified.save()
     known += damaged
     texts = {
-        "metrics.json": metrics_text(summaries(objects), objects, known),
+        "metrics.json": metrics_text(
+            summaries(objects),
+            len(objects),
+            len({failure.object for failure in known}),
+            sum(one.silent for one in objects),
+        ),
         "per_object.csv": object_table(objects),
         "speed_error.csv": speed_error_table(objects),
     }
