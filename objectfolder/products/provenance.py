@@ -13,6 +13,7 @@ import json
 import platform
 import re
 from collections.abc import Iterable, Mapping, MutableMapping
+from json.encoder import encode_basestring
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,24 @@ PACKAGES = ("objectfolder", "pipeline")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 # Wording of errors and bookkeeping of provenance decide no number of a product.
 NEUTRAL_MODULES = frozenset({"objectfolder.errors", "objectfolder.products.provenance"})
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 _cache: dict[str, Any] = {}
+
+
+class Constant(dict[str, Any]):
+    """A mapping that nobody changes and many fingerprints have: its canonical JSON is made once.
+
+    It is pickled as the dictionary that it is.
+    """
+
+    @functools.cached_property
+    def text(self) -> str:
+        """Canonical JSON."""
+        return canonical_json(self)
+
+    def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
+        """Leave the text out."""
+        return dict, (dict(self),)
 
 
 def canonical_json(value: Any) -> str:
@@ -34,7 +52,7 @@ def canonical_json(value: Any) -> str:
     TypeError, ValueError
         A value that JSON cannot hold.
     """
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return _CANONICAL.encode(value)
 
 
 def json_lines(value: Any, levels: int, indent: str = "") -> str:
@@ -57,7 +75,11 @@ def json_lines(value: Any, levels: int, indent: str = "") -> str:
 
 def fingerprint(parts: Mapping[str, Any]) -> str:
     """Return the SHA-256 (64 hex digits) of `parts` as canonical JSON."""
-    return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
+    texts = (
+        f"{encode_basestring(name)}:{part.text if isinstance(part, Constant) else canonical_json(part)}"
+        for name, part in sorted(parts.items())
+    )
+    return hashlib.sha256(f"{{{','.join(texts)}}}".encode()).hexdigest()
 
 
 def file_digest(path: Path | str) -> str:
@@ -118,9 +140,9 @@ def code_identity(module: str, cache: MutableMapping[str, Any] | None = None) ->
     return dict(sorted(digests.items()))
 
 
-def package_versions(names: Iterable[str]) -> dict[str, str]:
+def package_versions(names: Iterable[str]) -> Constant:
     """Return the installed version of each distribution, ``"absent"`` where there is none."""
-    return {name: _version(name) for name in sorted(names)}
+    return _versions(tuple(names))
 
 
 def environment() -> dict[str, str]:
@@ -131,6 +153,11 @@ def environment() -> dict[str, str]:
         "system": platform.system(),
         "machine": platform.machine(),
     }
+
+
+@functools.cache
+def _versions(names: tuple[str, ...]) -> Constant:
+    return Constant({name: _version(name) for name in sorted(names)})
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Validat
 from pydantic.dataclasses import dataclass
 
 from objectfolder.errors import InputError
+from objectfolder.products.provenance import Constant
 from pipeline.dataset.bounds import Bounds
 from pipeline.dataset.validation import own_error, read_yaml, validated
 
@@ -214,6 +215,16 @@ class Parameters(SizeParameters, CommonParameters):
     def values_at(self, name: str) -> Any:
         """Return the value at a dotted name, sections as dictionaries."""
         return functools.reduce(operator.getitem, name.split("."), self._mappings)
+
+    def values(self, names: tuple[str, ...]) -> Constant:
+        """Return the values at dotted names, by name; the same object each time."""
+        if names not in self._values:
+            self._values[names] = Constant({name: self.values_at(name) for name in names})
+        return self._values[names]
+
+    @functools.cached_property
+    def _values(self) -> dict[tuple[str, ...], Constant]:
+        return {}
 
     @functools.cached_property
     def _mappings(self) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Product files: one an object and kind, each carrying the fingerprint of what it was made from."""
 
+import functools
 import hashlib
 import os
 from collections.abc import Iterable
@@ -41,14 +42,14 @@ class ProductKind:
         """Name of the stage that makes it."""
         return self.stage or self.name
 
-    @property
+    @functools.cached_property
     def name(self) -> str:
         """Last part of the folder."""
         return self.folder.rpartition("/")[2]
 
     def path(self, root: Path, object_id: str) -> Path:
         """Return the path of the product of an object."""
-        return root / f"{self.folder}/{object_id}{self.suffix}"
+        return _path(root, self.folder, f"{object_id}{self.suffix}")
 
     def object_ids(self, root: Path) -> list[str]:
         """Return the ids that have a file, whole or not."""
@@ -65,6 +66,11 @@ class ProductKind:
         """Remove half-written files of an interrupted run."""
         for path in (root / self.folder).glob(f".*{PARTIAL}"):
             path.unlink(missing_ok=True)
+
+
+@functools.lru_cache(maxsize=64)  # stages name the products of an object again and again
+def _path(root: Path, folder: str, name: str) -> Path:
+    return root / f"{folder}/{name}"
 
 
 def write(path: Path, content: object, fingerprint: str, provenance: dict[str, Any]) -> None:

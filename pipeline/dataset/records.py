@@ -166,7 +166,7 @@ def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
     if record.glass != OPAQUE:  # opaque things have the records that they had before glass was told
         appearance["glass"] = record.glass
     elsewhere = (*appearance, *CONTACT_RANGES, "citation", "contact_citation", "loss_citation")
-    physical = {key: value for key, value in asdict(material).items() if key not in elsewhere}
+    physical = {key: value for key, value in vars(material).items() if key not in elsewhere}
     return {
         **{name: getattr(record, name) for name in ("name", "mesh", "texture", "length_m", "up", *STATED)},
         "file_names": [record.mesh.name, record.texture.name if record.texture else None],

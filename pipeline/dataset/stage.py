@@ -1,5 +1,6 @@
 """A stage: a task, the products it makes of each object, and exactly what it reads."""
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -115,7 +116,7 @@ class Stage:
     needs: frozenset[str] = frozenset()
     tolerances: Mapping[str, Tolerance] = field(default_factory=dict)
 
-    @property
+    @functools.cached_property
     def follows(self) -> frozenset[str]:
         """Names of the stages whose products it reads."""
         return frozenset(product.kind.made_by for product in self.inputs)
@@ -143,7 +144,7 @@ class Stage:
         for role, path in (self.sources(row) if self.sources else {}).items():
             paths[role] = path
             contents[role] = digests[role] = source_digest(path, verified)
-        read = {name: parameters.values_at(name) for name in self.parameters}
+        read = parameters.values(self.parameters)
         record = {name: row[name] for name in self.fields}
         seed = seed_from(parameters.seed, self.name, object_id)
         parts = {

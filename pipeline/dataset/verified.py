@@ -23,7 +23,7 @@ from pydantic_core import to_json
 
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import write_whole
-from objectfolder.products.provenance import code_identity, file_digest
+from objectfolder.products.provenance import Constant, code_identity, file_digest
 from objectfolder.products.regular_file import irregular, read_regular
 from pipeline.dataset import products
 from pipeline.dataset.archives import REMEDY
@@ -63,9 +63,9 @@ class Verified:
         self._path, self._code_path = root / ".objectfolder" / "verified.json", _code_path(root)
         self._kept, self._code = _read(self._path, _Kept), known_sources(root)
         self._changed, self._saved_sources = False, len(self._code)
-        self._identities: dict[str, dict[str, str]] = {}
+        self._identities: dict[str, Constant] = {}
 
-    def code_identity(self, module: str) -> dict[str, str]:
+    def code_identity(self, module: str) -> Constant:
         """Return digests of a task's module and all that it imports, as of the first request.
 
         Raises
@@ -74,7 +74,7 @@ class Verified:
             `module` is not found.
         """
         if module not in self._identities:
-            self._identities[module] = code_identity(module, self._code)
+            self._identities[module] = Constant(code_identity(module, self._code))
         return self._identities[module]
 
     def attributes(self, path: Path, names: Sequence[str]) -> dict[str, Any]:

@@ -150,7 +150,7 @@ def _of(
 
 def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
     """Attributes of a cleaned mesh and of modes that are shown; other products repeat them or have none."""
-    if not {OBJECTS, MODES} & set(stage.products):
+    if OBJECTS not in stage.products and MODES not in stage.products:
         return ()
     try:
         said = verified.attributes(path, ("warnings",))["warnings"]

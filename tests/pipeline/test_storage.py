@@ -322,8 +322,11 @@ def test_an_experiment_in_a_copy_has_the_cache_of_its_original(tmp_path):
     (tmp_path / ".dvc" / "config.local").write_text("[cache]\n    dir = ../elsewhere\n")
     cached = ProductCache(tmp_path).path(MD5)
     assert cached.resolve() == tmp_path / "elsewhere" / "files" / "md5" / MD5[:2] / MD5[2:]
-    assert ProductCache(tmp_path / ".dvc" / "tmp" / "exps" / "tmpabc").path(MD5) == cached
-    assert ProductCache(tmp_path / "exps" / "x").path(MD5) != cached
+    copy = tmp_path / ".dvc" / "tmp" / "exps" / "tmpabc"
+    assert ProductCache(copy).path(MD5) == cached
+    for checkout in (tmp_path, copy):  # a partition has that of its checkout
+        assert ProductCache(checkout / "partitions" / "000").path(MD5) == cached
+    assert ProductCache(tmp_path.parent / "exps" / "x").path(MD5) != cached
 
 
 def test_a_damaged_copy_in_the_cache_goes(toys):
