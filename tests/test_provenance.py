@@ -1,6 +1,8 @@
 """Fingerprints name causes: they move with what decides a number, and with nothing else."""
 
+import hashlib
 import json
+import pickle
 import sys
 
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from objectfolder.errors import InputError
 from objectfolder.products.provenance import (
+    Constant,
     canonical_json,
     code_identity,
     fingerprint,
@@ -28,6 +31,16 @@ JSON = st.recursive(
 def test_fingerprint_ignores_the_order_of_keys(parts):
     assert fingerprint(parts) == fingerprint(dict(reversed(parts.items())))
     assert fingerprint(parts) != fingerprint({**parts, "another": 1})
+
+
+@given(st.dictionaries(st.text(), JSON, max_size=4), st.text())
+def test_a_constant_part_counts_as_any_other(part, name):
+    constant = Constant(part)
+    parts = {name: part, f"{name}!": 1}
+    expected = hashlib.sha256(canonical_json(parts).encode()).hexdigest()
+    assert fingerprint(parts) == fingerprint({**parts, name: constant}) == expected
+    copy = pickle.loads(pickle.dumps(constant))
+    assert (type(copy), copy) == (dict, part)
 
 
 def test_numbers_that_are_no_numbers_have_no_fingerprint():

@@ -140,9 +140,9 @@ def code_identity(module: str, cache: MutableMapping[str, Any] | None = None) ->
     return dict(sorted(digests.items()))
 
 
-def package_versions(names: Iterable[str]) -> Constant:
+def package_versions(names: Iterable[str]) -> dict[str, str]:
     """Return the installed version of each distribution, ``"absent"`` where there is none."""
-    return _versions(tuple(names))
+    return {name: _version(name) for name in sorted(names)}
 
 
 def environment() -> dict[str, str]:
@@ -153,11 +153,6 @@ def environment() -> dict[str, str]:
         "system": platform.system(),
         "machine": platform.machine(),
     }
-
-
-@functools.cache
-def _versions(names: tuple[str, ...]) -> Constant:
-    return Constant({name: _version(name) for name in sorted(names)})
 
 
 @functools.cache
