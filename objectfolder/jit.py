@@ -2,7 +2,8 @@
 
 A cached kernel is compiled again when its own file changes, not when a file it took something from does.
 So a kernel calls only kernels of its own module and takes constants of other modules as arguments
-(a test holds this).
+(a test holds this). Of a named tuple the cache knows the class and the types of the fields, not their
+order: who reorders alike fields clears the cache.
 
 The target is the same on every x86-64 processor with AVX2, newer ones included: processes that share a cache
 of kernels share the kernels, and answers do not depend on wider registers. It holds for all numba functions

@@ -8,6 +8,7 @@ of each begin. Each function computes one touch, in double precision, by the ker
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from objectfolder.touch.contact.first_touch import contact_normals
 from objectfolder.touch.contact.indentation import indentation
 from objectfolder.touch.contact.tree_queries import (
     TREE_STACK,
+    Tree,
     _behind,
     _bound_box,
     _bound_triangle,
@@ -40,10 +42,56 @@ first_touch_pose = compiled_copy(
 # Numbers of a face for the pixels: of each corner's plane and of one over the depth, along 1, u and v.
 FACE_NUMBERS = 12
 
+# Trees of boxes over the triangles of all objects.
+Trees = namedtuple("Trees", "offsets boxes order triangles")
+# The trees, and the normals of their faces and of these' corners.
+Surfaces = namedtuple("Surfaces", "offsets boxes order triangles face_normals corner_normals")
+# Where touches are on the surface.
+Places = namedtuple("Places", "face barycentric")
+# Touched points, their shading normals, and how many faces are in the balls round them.
+Contacts = namedtuple("Contacts", "points shading counts")
+# Touched points, their shading normals, and tilt, azimuth and roll of the sensor.
+Approaches = namedtuple("Approaches", "points shading angles")
+# Where each touch's list of faces begins in that of all, and that one.
+Lists = namedtuple("Lists", "starts faces")
+# Mean normals round the touched points, and poses of first touch.
+Stances = namedtuple("Stances", "normals poses")
+# Poses, how far the first contact lies behind them, and whether more of the gel is in the way.
+Advances = namedtuple("Advances", "poses contact_offset blocked")
+# Radius of the ball whose mean normal counts, and `gel.gel_constants`.
+Gel = namedtuple("Gel", "contact_radius constants")
+# Low and high corner of the sensor's housing, and diagonals of the objects.
+Housing = namedtuple("Housing", "corners diagonals")
+# Which touches are blocked, and how far from the gel faces count for each.
+Margins = namedtuple("Margins", "blocked margins")
+# Touches of objects at poses, whether they are blocked, and where their lists of faces begin.
+Presses = namedtuple("Presses", "objects poses blocked starts")
+# Faces near the gels: bounds of their indentation, their indices, and corners in the sensor's frame.
+Near = namedtuple("Near", "bounds faces corners")
+# The camera's place, slopes u and v of its rays, its near plane, and rays of a pixel.
+CameraRays = namedtuple("CameraRays", "camera u v near of_pixel")
+# Of each face planes, normal map, rows and columns; of each touch rows and columns with any face.
+Projections = namedtuple("Projections", "planes maps windows reach")
+# Working memory of a search for faces.
+Search = namedtuple("Search", "box corners working")
+# Working memory of a list of faces.
+Listing = namedtuple("Listing", "box faces corners bounds")
+# Working memory of the projection of a face.
+Projecting = namedtuple("Projecting", "box edges normal_map")
+
 
 @scalar
-def greatest_indentation(boxes, order, triangles, pose, gel, least, box, corners, working):
+def tree_of(trees, number):
+    """Return the tree of an object, and the number of its first face."""
+    some, after = trees.offsets[number], trees.offsets[number + 1]
+    boxes, order = trees.boxes[some[0] : after[0]], trees.order[some[1] : after[1]]
+    return Tree(boxes, order, trees.triangles[some[2] : after[2]]), some[2]
+
+
+@scalar
+def greatest_indentation(tree, pose, gel, least, search):
     """`indentation.deepest` of the faces of `near_gel`, which are not listed but looked at at once."""
+    (boxes, order, triangles), (box, corners, working) = tree, search
     leaves, greatest, node = len(order), 0.0, np.int64(0)
     while node >= 0:
         _bound_box(boxes[node], pose, box)
@@ -63,24 +111,20 @@ def greatest_indentation(boxes, order, triangles, pose, gel, least, box, corners
     return greatest
 
 
-def _locate(
-    query, objects, points, offsets, boxes, order, triangles, face, barycentric, stack
-):  # fmt: skip
+def _locate(query, objects, points, trees: Trees, face, barycentric, stack):
     """Write the face of its object that is nearest to a point, and barycentric coordinates there."""
-    some, after, row = offsets[objects[query]], offsets[objects[query] + 1], slice(query, query + 1)
-    closest(
-        boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], points[row],
-        stack, face[row], barycentric[row],
-    )  # fmt: skip
+    row = slice(query, query + 1)
+    tree, _ = tree_of(trees, objects[query])
+    closest(tree, points[row], stack, face[row], barycentric[row])
 
 
-def _find(
-    touch, objects, face, barycentric, offsets, boxes, order, triangles, face_normals, corner_normals, radius,
-    touched, shading, counts, span,
-):  # fmt: skip
+def _find(touch, objects, places: Places, surfaces: Surfaces, radius, contacts: Contacts, span):
     """Write the touched point, its shading normal and how many faces are in the ball round it."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
-    first, squared = some[2] + face[touch], 0.0
+    face, barycentric = places
+    touched, shading, counts = contacts
+    tree, first = tree_of(surfaces, objects[touch])
+    triangles, corner_normals = surfaces.triangles, surfaces.corner_normals
+    first, squared = first + face[touch], 0.0
     for axis in range(3):
         at, normal = 0.0, 0.0
         for corner in range(3):
@@ -91,101 +135,81 @@ def _find(
     length = math.sqrt(squared)
     for axis in range(3):
         normal = shading[touch, axis] / max(length, 1e-300)
-        shading[touch, axis] = normal if length > 1e-12 else face_normals[first, axis]
+        shading[touch, axis] = normal if length > 1e-12 else surfaces.face_normals[first, axis]
     # Without room for them faces are only counted.
-    counts[touch] = in_balls(
-        boxes[some[0] : after[0]], order[some[1] : after[1]], touched[touch : touch + 1], radius, span,
-        objects[0:0],
-    )  # fmt: skip
+    counts[touch] = in_balls(tree, touched[touch : touch + 1], radius, span, objects[0:0])
 
 
 def _stand(
-    touch, objects, touched, shading, angles, offsets, boxes, order, triangles, face_normals, radius, gel,
-    starts, listed, normals, poses, span,
+    touch, objects, approaches: Approaches, surfaces: Surfaces, gel: Gel, lists: Lists, stances: Stances, span
 ):  # fmt: skip
     """Write the mean normal round the touched point and the pose of first touch."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
+    touched, shading, angles = approaches
+    (radius, constants), (normals, poses), starts = gel, stances, lists.starts
+    tree, first = tree_of(surfaces, objects[touch])
     row = slice(touch, touch + 1)
-    members = listed[starts[touch] : starts[touch + 1]]
-    in_balls(
-        boxes[some[0] : after[0]], order[some[1] : after[1]], touched[row], radius, span, members
-    )  # fmt: skip
+    members = lists.faces[starts[touch] : starts[touch + 1]]
+    in_balls(tree, touched[row], radius, span, members)
     span[0], span[1] = 0, len(members)
     contact_normals(
-        touched[row], shading[row], span, members, triangles[some[2] : after[2]],
-        face_normals[some[2] : after[2]], radius, normals[row],
+        touched[row], shading[row], span, members, tree.triangles,
+        surfaces.face_normals[first : first + len(tree.triangles)], radius, normals[row],
     )  # fmt: skip
     pose = poses[touch]
     for column in range(4):
         pose[3, column] = 1.0 if column == 3 else 0.0
     tilt, azimuth, roll = angles[touch, 0], angles[touch, 1], angles[touch, 2]
-    first_touch_pose(touched[touch], normals[touch], tilt, azimuth, roll, gel, pose)
+    first_touch_pose(touched[touch], normals[touch], tilt, azimuth, roll, constants, pose)
 
 
-def _advance(
-    touch, objects, depths, offsets, boxes, order, triangles, gel, poses, contact_offset, blocked,
-    box, corners, working,
-):  # fmt: skip
+def _advance(touch, objects, depths, trees: Trees, gel, advances: Advances, search: Search):
     """Move the pose on by a depth from its first contact, and write whether more of the gel is in the way."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
-    nodes, leaves = boxes[some[0] : after[0]], order[some[1] : after[1]]
-    faces, pose, depth = triangles[some[2] : after[2]], poses[touch], depths[touch]
-    before = greatest_indentation(nodes, leaves, faces, pose, gel, -depth, box, corners, working)
+    tree, _ = tree_of(trees, objects[touch])
+    pose, depth = advances.poses[touch], depths[touch]
+    before = greatest_indentation(tree, pose, gel, -depth, search)
     advance = depth - before
     for axis in range(3):
         pose[axis, 3] += advance * pose[axis, 0]
     if advance < 0:
-        after_all = greatest_indentation(nodes, leaves, faces, pose, gel, 0.0, box, corners, working)
+        after_all = greatest_indentation(tree, pose, gel, 0.0, search)
     else:
         after_all = before + advance
-    blocked[touch] = after_all > depth + TOLERANCE_M
-    contact_offset[touch] = before
+    advances.blocked[touch] = after_all > depth + TOLERANCE_M
+    advances.contact_offset[touch] = before
 
 
 def _fit(
-    touch, objects, depths, offsets, boxes, order, triangles, housing, diagonals, poses, contact_offset,
-    blocked, reachable, box, corners, working, low,
+    touch, objects, depths, trees: Trees, housing: Housing, advances: Advances, reachable, search: Search
 ):  # fmt: skip
     """Write whether a pose, a depth from its first contact, touches the asked point and has room."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
+    (poses, contact_offset, blocked), (box, corners, working) = advances, search
+    tree, _ = tree_of(trees, objects[touch])
     fits = not blocked[touch] and contact_offset[touch] <= depths[touch] + TOLERANCE_M
     if fits:
+        half, low, high = working[0], working[1], housing.corners[1]
         for axis in range(3):
-            low[axis] = housing[0, axis]
+            low[axis] = housing.corners[0, axis]
             if axis == 0:  # its way there is straight
-                low[axis] -= diagonals[objects[touch]]
-            working[0, axis] = (housing[1, axis] - low[axis]) / 2
-        fits = not enters_box(
-            boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], poses[touch],
-            low, housing[1], working[0], corners, box,
-        )  # fmt: skip
+                low[axis] -= housing.diagonals[objects[touch]]
+            half[axis] = (high[axis] - low[axis]) / 2
+        fits = not enters_box(tree, poses[touch], low, high, half, corners, box)
     reachable[touch] = fits
 
 
-def _penetrate(
-    touch, objects, poses, offsets, boxes, order, triangles, gel, penetration, box, corners, working
-):
+def _penetrate(touch, objects, poses, trees: Trees, gel, penetration, search: Search):
     """Write the deepest indentation of the gel at a pose."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
-    penetration[touch] = greatest_indentation(
-        boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], poses[touch],
-        gel, 0.0, box, corners, working,
-    )  # fmt: skip
+    tree, _ = tree_of(trees, objects[touch])
+    penetration[touch] = greatest_indentation(tree, poses[touch], gel, 0.0, search)
 
 
-def _count(
-    touch, objects, poses, offsets, boxes, order, triangles, gel, blocked, margins, counts,
-    box, faces, corners, bounds,
-):  # fmt: skip
+def _count(touch, objects, poses, trees: Trees, gel, margins: Margins, counts, listing: Listing):
     """Write how many rows the faces a margin from the gel need: one more than there are; 1 where blocked."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
+    (box, faces, corners, bounds), least = listing, -margins.margins[touch]
     counts[touch] = 1
-    if not blocked[touch]:
+    if not margins.blocked[touch]:
+        tree, _ = tree_of(trees, objects[touch])
         # Room for none: faces are only counted.
-        counts[touch] += near_gel(
-            boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], poses[touch],
-            gel, -margins[touch], box, faces, corners, bounds,
-        )  # fmt: skip
+        counts[touch] += near_gel(tree, poses[touch], gel, least, box, faces, corners, bounds)
 
 
 @scalar
@@ -198,20 +222,22 @@ def _span(a, b, c, first, pitch, rays, count):
 
 
 def _project(
-    touch, objects, poses, offsets, boxes, order, triangles, corner_normals, gel, blocked, starts,
-    camera, u, v, near, rays, bounds, faces, corners, planes, maps, windows, reach, box, edges, map_,
+    touch, presses: Presses, surfaces: Surfaces, gel, camera_rays: CameraRays, near_gels: Near,
+    projections: Projections, projecting: Projecting,
 ):  # fmt: skip
     """Write of each face near the gel what its pixels need, and the rows and columns that it may cover."""
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
+    objects, poses, blocked, starts = presses
+    (camera, u, v, near, rays), (bounds, faces, corners) = camera_rays, near_gels
+    (planes, maps, windows, reach), (box, edges, normal_map) = projections, projecting
+    tree, first_face = tree_of(surfaces, objects[touch])
     start, end = starts[touch], starts[touch + 1]
     height, width = len(v) // rays, len(u)
     reach[touch, 0], reach[touch, 1], reach[touch, 2], reach[touch, 3] = height, -1, width, -1
     count = 0
     if not blocked[touch]:
         count = near_gel(
-            boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], poses[touch],
-            gel, 0.0, box, faces[start:end], corners[start:end], bounds[start:end],
-        )  # fmt: skip
+            tree, poses[touch], gel, 0.0, box, faces[start:end], corners[start:end], bounds[start:end]
+        )
     for k in range(start, end):
         windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = 1, 0, 1, 0
         if k - start >= count:
@@ -224,10 +250,10 @@ def _project(
             for corner in range(3):
                 planes[k, 3 * corner + axis] = edges[corner, axis] / determinant
             planes[k, 9 + axis] = (edges[0, axis] + edges[1, axis] + edges[2, axis]) / determinant
-        _normal_map(edges, corner_normals[some[2] + faces[k]], poses[touch], map_)
+        _normal_map(edges, surfaces.corner_normals[first_face + faces[k]], poses[touch], normal_map)
         for axis in range(3):
             for along in range(3):
-                maps[k, 3 * axis + along] = map_[axis, along]
+                maps[k, 3 * axis + along] = normal_map[axis, along]
         x0, x1, x2 = triangle[0, 0] - camera[0], triangle[1, 0] - camera[0], triangle[2, 0] - camera[0]
         low_i, high_i, low_j, high_j = 0, height - 1, 0, width - 1
         if x0 > near and x1 > near and x2 > near:
@@ -250,9 +276,9 @@ locate = Body(_locate, stack=((TREE_STACK,), np.int64))
 find = Body(_find, span=((2,), np.int64))
 stand = Body(_stand, span=((2,), np.int64))
 advance = Body(_advance, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE)
-fit = Body(_fit, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE, low=((3,), np.float64))
+fit = Body(_fit, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE)
 penetrate = Body(_penetrate, box=_BOX, corners=_TRIANGLE, working=_TRIANGLE)
 count = Body(
     _count, box=_BOX, faces=((1,), np.int64), corners=((1, 3, 3), np.float64), bounds=((1,), np.float64)
 )
-project = Body(_project, box=_BOX, edges=_TRIANGLE, map_=_TRIANGLE)
+project = Body(_project, box=_BOX, edges=_TRIANGLE, normal_map=_TRIANGLE)

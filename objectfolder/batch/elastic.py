@@ -186,7 +186,7 @@ class ElasticView:
     Parameters
     ----------
     look
-        Of the pixel bodies: camera, and three arrays of lights or of a photometric table.
+        The fields of `pixels.Lamps`, or of `pixels.Table`.
     """
 
     def __init__(self, sensor: Sensor, samples: int, layer: Layer, look: tuple[Tensor, ...]) -> None:

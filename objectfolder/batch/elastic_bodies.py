@@ -8,13 +8,14 @@ Touches are in pairs, the one's numbers between the other's: a pressure, displac
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from collections import namedtuple
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from objectfolder.batch.contact_bodies import _span
-from objectfolder.batch.pixels import photometric_table, point_lights
+from objectfolder.batch.contact_bodies import Near, Presses, Surfaces, _span, tree_of
+from objectfolder.batch.pixels import Images, Lamps, Table, photometric_table, point_lights
 from objectfolder.batch.targets import Body, scalar
 from objectfolder.touch.contact.tree_queries import near_gel
 from objectfolder.touch.elastic.membrane import LEAST_APPROACH, NEWTON_STEPS, UNMOVED_M, UNMOVED_SLOPE
@@ -26,22 +27,29 @@ FORMS = 23
 FACE_SLACK = {np.float32: 1e-6, np.float64: 1e-12}
 NOTHING_M = 1.0
 
+# The gel's cells; of each face near the gel its `FORMS` numbers, and rows and columns of cells.
+# `grid` is y and z of the first cell, their pitches, columns and rows; heights count from the gel's apex.
+Forms = namedtuple("Forms", "grid forms windows")
+# The gel's cells as of `Forms`; its radius and stretch, the near plane behind the apex, the slack.
+GelCells = namedtuple("GelCells", "grid shape")
+# Samples along a pixel; slopes of rays; depth and value of the undeformed gel along them.
+GelRays = namedtuple("GelRays", "samples u v gel_depth gel_values")
+# The camera from the gel's apex and its near plane, the apex, and steps of depth a metre.
+Eye = namedtuple("Eye", "eye apex steps")
+
 
 def _lean(
-    touch, objects, poses, offsets, boxes, order, triangles, corner_normals, gel, blocked, margins, starts,
-    grid, bounds, faces, corners, forms, windows, box,
+    touch, presses: Presses, surfaces: Surfaces, gel, margins, near_gels: Near, cells: Forms, box
 ):  # fmt: skip
-    """Write of each face near the gel what its cells need, and the rows and columns that it may cover.
-
-    `grid` is y and z of the first cell, their pitches, columns and rows; heights count from the gel's apex.
-    """
-    some, after = offsets[objects[touch]], offsets[objects[touch] + 1]
+    """Write of each face near the gel what its cells need, and the rows and columns that it may cover."""
+    objects, poses, blocked, starts = presses
+    (bounds, faces, corners), (grid, forms, windows) = near_gels, cells
+    tree, first_face = tree_of(surfaces, objects[touch])
     start, end, pose, count = starts[touch], starts[touch + 1], poses[touch], 0
     if not blocked[touch]:
         count = near_gel(
-            boxes[some[0] : after[0]], order[some[1] : after[1]], triangles[some[2] : after[2]], pose,
-            gel, -margins[touch], box, faces[start:end], corners[start:end], bounds[start:end],
-        )  # fmt: skip
+            tree, pose, gel, -margins[touch], box, faces[start:end], corners[start:end], bounds[start:end]
+        )
     for k in range(start, end):
         windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = 1, 0, 1, 0
         if k - start >= count:
@@ -64,7 +72,7 @@ def _lean(
             # Heights from the first corner on: rounding is that of the face, not of its distance.
             for term in range(3):
                 forms[k, 9 + term] += corner[i, 0] * forms[k, 3 * i + term]
-            normal = corner_normals[some[2] + faces[k], i]
+            normal = surfaces.corner_normals[first_face + faces[k], i]
             for axis in range(3):
                 forms[k, 14 + 3 * i + axis] = (
                     normal[0] * pose[0, axis] + normal[1] * pose[1, axis] + normal[2] * pose[2, axis]
@@ -79,11 +87,9 @@ def _lean(
         )
 
 
-def _gap(touch, place, starts, windows, forms, grid, shape, gaps, slopes):
-    """Write the object's height over a cell of gel, and how it leans there; see `height_field.gap_field`.
-
-    `shape` is the gel's radius and stretch, the near plane behind the apex, and the slack.
-    """
+def _gap(touch, place, starts, windows, forms, cells: GelCells, gaps, slopes):
+    """Write the object's height over a cell of gel, and how it leans there; see `height_field.gap_field`."""
+    grid, shape = cells
     real = grid.dtype.type
     columns = slopes.shape[2]
     i, j = place // columns, place % columns
@@ -226,12 +232,13 @@ def _meet(fields, touch, grid, shape, eye, ray, across, up):
     return ray
 
 
-def _membrane(shade: Any) -> Any:
+def _membrane(shade: Any, lighting: Any) -> Any:
     def membrane(
-        touch, place, fields, samples, u, v, gel_depth, gel_values, grid, shape, eye, apex, steps, camera,
-        look, more, most, rgb, depth, mask,
+        touch, place, fields, rays: GelRays, cells: GelCells, view: Eye, light: lighting, images: Images
     ):  # fmt: skip
-        real = grid.dtype.type
+        samples, u, v, gel_depth, gel_values = rays
+        (grid, shape), (eye, apex, steps), (rgb, depth, mask) = cells, view, images
+        camera, real = light.camera, grid.dtype.type
         zero, one = real(0), real(1)
         width = rgb.shape[2]
         i, j = place // width, place % width
@@ -255,9 +262,7 @@ def _membrane(shade: Any) -> Any:
                 nz = tilt * z - _bilinear(fields, touch, 2, top, left, down, right)
                 total += _bilinear(fields, touch, 0, top, left, down, right)
                 covered += _bilinear(fields, touch, 3, top, left, down, right) >= real(0.5)
-                r, g, b = shade(
-                    camera[0] + ray, apex[1] + y, apex[2] + z, -one, ny, nz, camera, look, more, most
-                )
+                r, g, b = shade((camera[0] + ray, apex[1] + y, apex[2] + z), (-one, ny, nz), light)
             red, green, blue = red + r, green + g, blue + b
         share, scale, half = one / real(samples * samples), real(255), real(0.5)
         rgb[touch, i, j, 0] = np.uint8(red * share * scale + half)
@@ -277,4 +282,4 @@ exceed, descend, compare = Body(_exceed, 2), Body(_descend, 2), Body(_compare, 2
 @lru_cache(maxsize=2)
 def membrane_body(table: bool) -> Body:
     """Return the body of pixels for a photometric table or point lights."""
-    return Body(_membrane(photometric_table if table else point_lights), 2)
+    return Body(_membrane(photometric_table, Table) if table else _membrane(point_lights, Lamps), 2)

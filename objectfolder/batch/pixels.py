@@ -9,6 +9,7 @@ that is seen in it, amid the rays that see it.
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from collections import namedtuple
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -19,10 +20,25 @@ from objectfolder.batch.targets import Body, scalar
 
 MOST_PIXEL_RAYS = 16
 
+# As of `point_lights.PointLights`; the material's last number is the exponent.
+Lamps = namedtuple("Lamps", "camera positions colours material")
+# The camera, and nodes and place as of `table_lighting.TableLighting`.
+Table = namedtuple("Table", "camera nodes place")
+# Where the faces of each touch begin, and `contact_bodies.Projections` of them.
+Faces = namedtuple("Faces", "starts windows reach planes maps")
+# Rays of a pixel, slopes u + shift and v of all, the gel along each, and numbers of the gel.
+PixelRays = namedtuple("PixelRays", "of_pixel u shift v gel_nearness gel_values constants")
+# Of all touches, as of `Touches`.
+Images = namedtuple("Images", "rgb depth mask")
+# Working memory of the rays of a pixel: the face that each sees, and one over its depth.
+RaysOfPixel = namedtuple("RaysOfPixel", "owner best")
+
 
 @scalar
-def point_lights(x, y, z, nx, ny, nz, camera, lights, colours, material):
+def point_lights(point, normal, lamps):
     """Pixel value of a point with a normal of any length: `point_lights.PointLights`, point by point."""
+    (x, y, z), (nx, ny, nz) = point, normal
+    camera, lights, colours, material = lamps
     real = camera.dtype.type
     zero, one, least, four, half_turn = real(0), real(1), real(0.001), real(4), real(math.pi)
     alpha2, k, base, diffuse, exponent = material[0], material[1], material[2], material[3], material[4]
@@ -56,8 +72,10 @@ def point_lights(x, y, z, nx, ny, nz, camera, lights, colours, material):
 
 
 @scalar
-def photometric_table(x, y, z, nx, ny, nz, camera, nodes, place, unused):
+def photometric_table(point, normal, table):
     """Pixel value of a membrane with a normal of any length: as `table_lighting.TableLighting`."""
+    (_, y, z), (nx, ny, nz) = point, normal
+    camera, nodes, place = table
     real = camera.dtype.type
     zero, one, quarter_turn = real(0), real(1), real(math.pi / 2)
     slopes, directions = nodes.shape[0], nodes.shape[1]
@@ -93,11 +111,14 @@ def photometric_table(x, y, z, nx, ny, nz, camera, nodes, place, unused):
     return min(max(red, zero), one), min(max(green, zero), one), min(max(blue, zero), one)
 
 
-def _pixel(shade: Callable[..., Any]) -> Callable[..., None]:
+def _pixel(shade: Callable[..., Any], lighting: Any) -> Callable[..., None]:
     def pixel(
-        touch, place, starts, windows, reach, planes, maps, rays, u, shift, v, gel_nearness, gel_values,
-        constants, camera, look, more, most, no_contact, rgb, depth, mask, owner, best,
+        touch, place, faces: Faces, pixel_rays: PixelRays, light: lighting, no_contact, images: Images,
+        memory: RaysOfPixel,
     ):  # fmt: skip
+        starts, windows, reach, planes, maps = faces
+        rays, u, shift, v, gel_nearness, gel_values, constants = pixel_rays
+        (rgb, depth, mask), (owner, best), camera = images, memory, light.camera
         real = camera.dtype.type
         zero, one = real(0), real(1)
         width = u.shape[0]
@@ -144,7 +165,7 @@ def _pixel(shade: Callable[..., Any]) -> Callable[..., None]:
                 nz = m[6] + m[7] * across + m[8] * up
                 x = camera[0] + distance
                 y, z = camera[1] + distance * across, camera[2] + distance * up
-                r, g, b = shade(x, y, z, nx, ny, nz, camera, look, more, most)
+                r, g, b = shade((x, y, z), (nx, ny, nz), light)
                 red, green, blue = red + count * r, green + count * g, blue + count * b
                 # The gel's sag without the cancellation of R - sqrt(R^2 - q).
                 y, z = y - constants[2], z - constants[3]
@@ -172,5 +193,5 @@ def _pixel(shade: Callable[..., Any]) -> Callable[..., None]:
 @lru_cache(maxsize=4)
 def pixel_body(table: bool, kind: type[np.floating[Any]]) -> Body:
     """Return the body for a photometric table or point lights, in a precision."""
-    function = _pixel(photometric_table if table else point_lights)
+    function = _pixel(photometric_table, Table) if table else _pixel(point_lights, Lamps)
     return Body(function, 2, owner=((MOST_PIXEL_RAYS,), np.int64), best=((MOST_PIXEL_RAYS,), kind))

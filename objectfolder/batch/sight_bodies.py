@@ -285,7 +285,7 @@ _TRACE: dict[str, Any] = {
     "origin": ((1, 3), np.float64),
     "stack": ((STACK,), np.int32),
     "entry": ((STACK,), np.float32),
-    "found": ((1,), np.int32),
+    "hit": ((1,), np.int32),
     "where": ((1, 3), np.float64),
 }
 cast = Body(_cast, 1, **_TRACE)

@@ -30,14 +30,14 @@ LAUNCH_ROWS = 65535
 # Names of their own that no body has.
 CPU_SOURCE = """
 def kernel(from_row, all_rows, all_columns, {names}):
-    {memory}
+    {made}
     for this_row in range(from_row, from_row + all_rows):
         for this_column in range(all_columns):
             body({indices}, {passed})
 """
 GPU_SOURCE = """
 def kernel(from_row, all_rows, all_columns, {names}):
-    {memory}
+    {made}
     this_row, this_column = from_row + cuda.blockIdx.y, cuda.grid(1)
     if this_column < all_columns:
         body({indices}, {passed})
@@ -57,23 +57,25 @@ def compiled_copy(function: Callable[..., Any], **called: Any) -> Any:
 
 
 class Body:
-    """A body and its kernels.
+    """A body and its kernels, which make its records of arguments and working memory.
 
     Parameters
     ----------
     function
-        Its first parameters are `indices` integers, the last those of `memory`, the others the arguments.
+        Its first parameters are `indices` integers, the others arguments and working memory. A parameter
+        annotated as a named tuple is a record: each of its fields is an argument of its own, or memory.
     indices
         One or two.
     memory
-        Shape and type of the working memory of each thread, by the names of the last parameters.
+        Shape and type of the working memory of each thread, by the names of parameters or of a record's
+        fields.
     """
 
     def __init__(
         self, function: Callable[..., Any], indices: int = 1, **memory: tuple[tuple[int, ...], Any]
     ) -> None:
         self._function, self._indices, self._memory = function, indices, memory
-        self._names = list(inspect.signature(function).parameters)[indices : -len(memory) or None]
+        self._parameters = list(inspect.signature(function).parameters.values())[indices:]
 
     @property
     def name(self) -> str:
@@ -87,13 +89,23 @@ class Body:
             f"{name} = {array}({shape!r}, np.{'bool_' if kind is np.bool_ else kind.__name__})"
             for name, (shape, kind) in self._memory.items()
         ]
+        arguments, scope = [], {"np": np, **names}
+        for parameter in self._parameters:
+            record, name = parameter.annotation, parameter.name
+            if fields := getattr(record, "_fields", ()):
+                inside = self._memory.keys() >= set(fields)
+                values = [field if inside else f"{name}_{field}" for field in fields]
+                lines.append(f"{name} = {record.__name__}({', '.join(values)})")
+                scope[record.__name__] = record
+            else:
+                values = [name]
+            arguments += [value for value in values if value not in self._memory]
         text = source.format(
-            names=", ".join(self._names),
-            memory="\n    ".join(lines) or "pass",
+            names=", ".join(arguments),
+            made="\n    ".join(lines) or "pass",
             indices="this_row, this_column" if self._indices == 2 else "this_column",
-            passed=", ".join([*self._names, *self._memory]),
+            passed=", ".join(parameter.name for parameter in self._parameters),
         )
-        scope: dict[str, Any] = {"np": np, **names}
         exec(text, scope)
         return scope["kernel"]
 

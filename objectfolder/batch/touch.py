@@ -103,8 +103,10 @@ class TouchBatch:
         self.count, self._rays, kind = len(patches), samples * samples, PRECISIONS[precision]
         self._trees = ResidentTrees.of([patch.surface for patch in patches], self.device)
         self._faces = self._trees.arrays
-        self._face_normals = joined([patch.face_normals for patch in patches], self.device)
-        self._corner_normals = joined([patch.corner_normals for patch in patches], self.device)
+        self._surfaces = (
+            *self._faces, joined([patch.face_normals for patch in patches], self.device),
+            joined([patch.corner_normals for patch in patches], self.device),
+        )  # fmt: skip
         self._diagonals = upload(np.array([patch.diagonal_m for patch in patches]), self.device)
         grid, gel = coverage_grid(sensor, samples), gel_constants(sensor)
         shape = (sensor.image_height, sensor.image_width, 3)
@@ -127,10 +129,10 @@ class TouchBatch:
         if table is None:
             lights = point_lights(sensor)
             material = np.append(lights.material, lights.exponent)
-            look = lights.positions, lights.colours, material
+            look: tuple[np.ndarray, ...] = (lights.positions, lights.colours, material)
         else:
             lighting = table_lighting(sensor, table)
-            look = lighting.nodes, lighting.place, lighting.place
+            look = lighting.nodes, lighting.place
         self._body = pixel_body(table is not None, kind)
         self._samples, self._layers = samples, lru_cache(maxsize=4)(self._layer)
         self._look = real(sensor.camera_position_m), *(real(part) for part in look)
@@ -193,15 +195,14 @@ class TouchBatch:
         radius = self.sensor.contact_radius_m
         face, barycentric = self._trees.closest(which, places)
         contact_bodies.find(
-            count, which, face, barycentric, *self._faces, self._face_normals, self._corner_normals, radius,
-            touched, shading, counts,
-        )  # fmt: skip
+            count, which, face, barycentric, *self._surfaces, radius, touched, shading, counts
+        )
         starts = _starts(counts)
         listed = torch.empty(max(1, int(starts[-1])), dtype=torch.int64, device=self.device)
         poses = torch.empty((count, 4, 4), dtype=torch.float64, device=self.device)
         contact_bodies.stand(
-            count, which, touched, shading, angles, *self._faces, self._face_normals, radius, self._gel,
-            starts, listed, normals, poses,
+            count, which, touched, shading, angles, *self._surfaces, radius, self._gel, starts, listed,
+            normals, poses,
         )  # fmt: skip
         offset = torch.empty_like(depths)
         reachable, blocked = (torch.empty(count, dtype=torch.bool, device=self.device) for _ in range(2))
@@ -262,9 +263,9 @@ class TouchBatch:
         maps, windows = room(rows, 9, kind=self._kind), room(rows, 4, kind=torch.int32)
         reach = room(max(1, count), 4, kind=torch.int32)
         contact_bodies.project(
-            count, which, poses, *self._faces, self._corner_normals, self._gel, blocked, starts,
-            self._camera, self._u, self._v, self._near, self._rays, room(rows),
-            room(rows, kind=torch.int64), room(rows, 3, 3), planes, maps, windows, reach,
+            count, which, poses, blocked, starts, *self._surfaces, self._gel, self._camera, self._u, self._v,
+            self._near, self._rays, room(rows), room(rows, kind=torch.int64), room(rows, 3, 3), planes, maps,
+            windows, reach,
         )  # fmt: skip
         pixels = self.sensor.image_height * self.sensor.image_width
         self._body(
@@ -320,9 +321,9 @@ class TouchBatch:
                 self._room(rows, elastic_bodies.FORMS, kind=self._kind), self._room(rows, 4, kind=torch.int32)
             )  # fmt: skip
             elastic_bodies.lean(
-                len(margins), which[batch], poses[batch], *self._faces, self._corner_normals, self._gel,
-                blocked[batch], margins, starts, layer.grid, self._room(rows),
-                self._room(rows, kind=torch.int64), self._room(rows, 3, 3), forms, windows,
+                len(margins), which[batch], poses[batch], blocked[batch], starts, *self._surfaces, self._gel,
+                margins, self._room(rows), self._room(rows, kind=torch.int64), self._room(rows, 3, 3),
+                layer.grid, forms, windows,
             )  # fmt: skip
             gaps, slopes = layer.gaps_and_slopes(starts, windows, forms)
             pressed = layer.press(gaps, most[batch], None if force is None else force[batch], steps)

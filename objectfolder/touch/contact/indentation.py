@@ -30,10 +30,11 @@ def _sag(gel, y, z):
 
 
 @kernel
-def _segment_maximum(sx, sy, sz, ax, ay, az, low, high, gel):
-    """Largest indentation on s + t a, t in low..high, from the apex."""
+def _segment_maximum(start, along, low, high, gel):
+    """Largest indentation on start + t along, t in low..high, from the apex."""
     if not low <= high:
         return -np.inf
+    (sx, sy, sz), (ax, ay, az) = start, along
     radius, stretch = gel[5], gel[6]
     squared = ay * ay + az * az
     # d/dt of the indentation vanishes where stretch w / sqrt(chord^2 - w^2) = -slope, w = (t + middle) |a|.
@@ -101,7 +102,7 @@ def _border_maximum(corners, gel, axis, side):
         x += value * corners[opposite, 0]
         towards += slope * corners[opposite, 0]
     low, high = _cut(low, high, x - (gel[8] - gel[0]), towards)
-    return _segment_maximum(x, sy, sz, towards, ay, az, low, high, gel)
+    return _segment_maximum((x, sy, sz), (towards, ay, az), low, high, gel)
 
 
 @kernel
@@ -128,7 +129,7 @@ def indentation(triangle, gel, corners):
         low, high = _cut(low, high, gel[3] + s[1], ay)
         low, high = _cut(low, high, gel[4] - s[2], -az)
         low, high = _cut(low, high, gel[4] + s[2], az)
-        best = max(best, _segment_maximum(s[0], s[1], s[2], ax, ay, az, low, high, gel))
+        best = max(best, _segment_maximum((s[0], s[1], s[2]), (ax, ay, az), low, high, gel))
     if crossing:
         for axis in range(2):
             for side in (-1.0, 1.0):

@@ -6,6 +6,7 @@ from objectfolder.errors import QueryError
 from objectfolder.surface.bounding_boxes import BoundingBoxTree
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact import tree_queries
+from objectfolder.touch.contact.tree_queries import Tree
 
 
 class FacePatches:
@@ -37,8 +38,8 @@ class FacePatches:
         self.triangles = surface.vertices[surface.faces]
         self.face_normals = surface.face_normals
         self.corner_normals = surface.corner_normals
-        tree = BoundingBoxTree(self.triangles)
-        self._boxes, self._order = tree.boxes, tree.order
+        boxes = BoundingBoxTree(self.triangles)
+        self._tree = Tree(boxes.boxes, boxes.order, self.triangles)
         # Faces for which a query has room at first: what the largest before has found.
         self._near, self._in_balls = 512, 64
         self.diagonal_m = float(np.linalg.norm(np.ptp(self.triangles.reshape(-1, 3), axis=0)))
@@ -50,7 +51,7 @@ class FacePatches:
         """
         face, barycentric = np.empty(len(points), dtype=np.int64), np.zeros((len(points), 3))
         stack = np.empty(tree_queries.TREE_STACK, dtype=np.int64)
-        tree_queries.closest(self._boxes, self._order, self.triangles, points, stack, face, barycentric)
+        tree_queries.closest(self._tree, points, stack, face, barycentric)
         return face, barycentric
 
     def in_balls(self, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -58,7 +59,7 @@ class FacePatches:
         starts = np.empty(len(points) + 1, dtype=np.int64)
         while True:
             faces = np.empty(self._in_balls * len(points), dtype=np.int64)
-            count = tree_queries.in_balls(self._boxes, self._order, points, radius, starts, faces)
+            count = tree_queries.in_balls(self._tree, points, radius, starts, faces)
             if count <= len(faces):
                 return starts, faces[:count]
             self._in_balls = -(-count // len(points))
@@ -74,18 +75,7 @@ class FacePatches:
         while True:
             room = self._near + 1
             faces, corners, bounds = np.empty(room, dtype=np.int64), np.empty((room, 3, 3)), np.empty(room)
-            count = tree_queries.near_gel(
-                self._boxes,
-                self._order,
-                self.triangles,
-                pose,
-                gel,
-                least,
-                np.empty(6),
-                faces,
-                corners,
-                bounds,
-            )
+            count = tree_queries.near_gel(self._tree, pose, gel, least, np.empty(6), faces, corners, bounds)
             if count < room:
                 return faces[:count], corners[:count], bounds[:count]
             self._near = count
@@ -93,9 +83,7 @@ class FacePatches:
     def enters_box(self, pose: np.ndarray, low: np.ndarray, high: np.ndarray) -> bool:
         """Whether any face enters the open box between corners (3,) in the frame of `pose` (4, 4)."""
         working = (high - low) / 2, np.empty((3, 3)), np.empty(6)
-        return bool(
-            tree_queries.enters_box(self._boxes, self._order, self.triangles, pose, low, high, *working)
-        )
+        return bool(tree_queries.enters_box(self._tree, pose, low, high, *working))
 
 
 def _welded(surface: Surface) -> Surface:

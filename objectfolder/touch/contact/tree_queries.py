@@ -7,10 +7,11 @@ The boxes are those of `surface.bounding_boxes.BoundingBoxTree`: children of nod
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 
 # A complete tree over 2^60 faces would still fit.
 TREE_STACK = 64
@@ -20,7 +21,15 @@ ROUNDING = 1e-12
 SLACK_M = 1e-12
 
 
-@kernel
+class Tree(NamedTuple):
+    """Triangles (F, 3, 3) and the boxes over them; see `surface.bounding_boxes.BoundingBoxTree`."""
+
+    boxes: np.ndarray
+    order: np.ndarray
+    triangles: np.ndarray
+
+
+@arrayless(kernel)
 def _behind(node):
     """The node that follows one and all below it, from left to right; -1 behind the last."""
     while node > 0 and node % 2 == 0:
@@ -28,7 +37,7 @@ def _behind(node):
     return node + 1 if node > 0 else -1
 
 
-@kernel
+@arrayless(kernel)
 def _squared_distance(box, x, y, z):
     dx = max(max(box[0] - x, x - box[3]), 0.0)
     dy = max(max(box[1] - y, y - box[4]), 0.0)
@@ -36,7 +45,7 @@ def _squared_distance(box, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@kernel
+@arrayless(kernel)
 def _segment_parameter(a, b, x, y, z):
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     squared = ux * ux + uy * uy + uz * uz
@@ -45,7 +54,7 @@ def _segment_parameter(a, b, x, y, z):
     return min(max(((x - a[0]) * ux + (y - a[1]) * uy + (z - a[2]) * uz) / squared, 0.0), 1.0)
 
 
-@kernel
+@arrayless(kernel)
 def _squared_gap(triangle, first, second, third, x, y, z):
     total = 0.0
     for axis, coordinate in enumerate((x, y, z)):
@@ -54,7 +63,7 @@ def _squared_gap(triangle, first, second, third, x, y, z):
     return total
 
 
-@kernel
+@arrayless(kernel)
 def _closest_on(triangle, x, y, z):
     """Barycentric coordinates of the nearest point, and its squared distance (Ericson 2005, 5.1.5)."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -85,9 +94,10 @@ def _closest_on(triangle, x, y, z):
     return first, second, third, least
 
 
-@kernel
-def closest(boxes, order, triangles, points, stack, face, barycentric):
+@arrayless(kernel)
+def closest(tree, points, stack, face, barycentric):
     """Write the answer of `patch.FacePatches.closest`; `stack` (`TREE_STACK`,) int64 is working memory."""
+    boxes, order, triangles = tree
     leaves = len(order)
     for i in range(len(points)):
         face[i] = -1
@@ -117,9 +127,10 @@ def closest(boxes, order, triangles, points, stack, face, barycentric):
                     barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = first, second, third
 
 
-@kernel
-def in_balls(boxes, order, points, radius, starts, faces):
+@arrayless(kernel)
+def in_balls(tree, points, radius, starts, faces):
     """Write the answer of `patch.FacePatches.in_balls`, as far as there is room; return the faces found."""
+    boxes, order = tree.boxes, tree.order
     leaves = len(order)
     count = 0
     starts[0] = 0
@@ -144,7 +155,7 @@ def in_balls(boxes, order, points, radius, starts, faces):
     return count
 
 
-@kernel
+@arrayless(kernel)
 def _bound_box(box, pose, bounds):
     """Write least and greatest coordinates (6,) of a box in the frame of `pose`, with room for rounding."""
     for axis in range(3):
@@ -157,7 +168,7 @@ def _bound_box(box, pose, bounds):
         bounds[axis], bounds[3 + axis] = middle - reach, middle + reach
 
 
-@kernel
+@arrayless(kernel)
 def _bound_triangle(corners, bounds):
     """Write least and greatest coordinates (6,) of corners (3, 3)."""
     for axis in range(3):
@@ -165,7 +176,7 @@ def _bound_triangle(corners, bounds):
         bounds[axis], bounds[3 + axis] = min(min(a, b), c), max(max(a, b), c)
 
 
-@kernel
+@arrayless(kernel)
 def _overlap(bounds, low, high):
     """Whether the insides of two boxes meet."""
     apart = False
@@ -174,7 +185,7 @@ def _overlap(bounds, low, high):
     return not apart
 
 
-@kernel
+@arrayless(kernel)
 def _transform(triangle, pose, corners):
     """Write corners (3, 3) of a triangle in the frame of `pose`; equal points get equal bits."""
     for corner in range(3):
@@ -187,7 +198,7 @@ def _transform(triangle, pose, corners):
             corners[corner, axis] = x * pose[0, axis] + y * pose[1, axis] + z * pose[2, axis]
 
 
-@kernel
+@arrayless(kernel)
 def _separates(corners, half, ax, ay, az):
     """Whether the axis separates a triangle (3, 3) from the open box of half extents round the origin."""
     reach = abs(ax) * half[0] + abs(ay) * half[1] + abs(az) * half[2]
@@ -197,7 +208,7 @@ def _separates(corners, half, ax, ay, az):
     return reach > 0 and (min(min(a, b), c) >= reach or max(max(a, b), c) <= -reach)
 
 
-@kernel
+@arrayless(kernel)
 def _triangle_enters(corners, low, high, half):
     """Separating axes of a triangle and a box (Akenine-Möller 2001), but not the box's own three."""
     for axis in range(3):
@@ -219,12 +230,13 @@ def _triangle_enters(corners, low, high, half):
     return not _separates(corners, half, by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx)
 
 
-@kernel
-def enters_box(boxes, order, triangles, pose, low, high, half, corners, bounds):
+@arrayless(kernel)
+def enters_box(tree, pose, low, high, half, corners, bounds):
     """See `patch.FacePatches.enters_box`.
 
     `half` (3,) are of the box's sides; `corners` (3, 3) and `bounds` (6,) are working memory.
     """
+    boxes, order, triangles = tree
     leaves = len(order)
     node = np.int64(0)
     while node >= 0:
@@ -245,7 +257,7 @@ def enters_box(boxes, order, triangles, pose, low, high, half, corners, bounds):
     return False
 
 
-@kernel
+@arrayless(kernel)
 def _indentation_bound(bounds, gel):
     """Greatest indentation by what lies in a box, coordinates (6,) in the sensor frame."""
     y = max(max(bounds[1] - gel[1], gel[1] - bounds[4]), 0.0)
@@ -256,12 +268,13 @@ def _indentation_bound(bounds, gel):
     return gel[0] - sag - bounds[0] + SLACK_M
 
 
-@kernel
-def near_gel(boxes, order, triangles, pose, gel, least, box, faces, corners, bounds):
+@arrayless(kernel)
+def near_gel(tree, pose, gel, least, box, faces, corners, bounds):
     """Write the answer of `patch.FacePatches.near_gel` as far as there is room, and return the faces found.
 
     Working memory are `box` (6,), and one row more of the others than there is room for.
     """
+    boxes, order, triangles = tree
     leaves, room = len(order), len(faces) - 1
     count, node = 0, np.int64(0)
     while node >= 0:

@@ -7,14 +7,40 @@ Only pixels that see the object are written; the others are the untouched gel's.
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import kernel, relaxed_kernel
+from objectfolder.jit import arrayless, kernel, relaxed_kernel
+from objectfolder.touch.rendering.rasterise import Raster, Rays
 
 
-@kernel
-def resolve(record, extent, values, sample_depth, gel_values, rays, steps, rgb, depth, mask):
+class SeenPoints(NamedTuple):
+    """Points to shade; there is room for more than are seen.
+
+    Parameters
+    ----------
+    positions, normals
+        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
+    depth
+        (>= n,) metres in the undeformed gel.
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    depth: np.ndarray
+
+
+class Picture(NamedTuple):
+    """Values (height, width, 3) uint8, depth (height, width) float32, metres, and mask bool."""
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    mask: np.ndarray
+
+
+@arrayless(kernel)
+def resolve(record, extent, values, sample_depth, gel_values, rays, steps, picture):
     """Write the pixels that see the object: the mean over their rays.
 
     Parameters
@@ -35,9 +61,10 @@ def resolve(record, extent, values, sample_depth, gel_values, rays, steps, rgb, 
         Of a pixel, each in a row of its own.
     steps
         Steps of depth a metre.
-    rgb, depth, mask
-        (height, width, 3) uint8, (height, width) float32 and bool; changed.
+    picture
+        A `Picture`; changed.
     """
+    rgb, depth, mask = picture
     step, share = np.uint64(rays), np.float32(1 / rays)
     scale, half = np.float32(255), np.float32(0.5)
     reds, greens, blues = values[0], values[1], values[2]
@@ -68,7 +95,7 @@ def resolve(record, extent, values, sample_depth, gel_values, rays, steps, rgb, 
             mask[i, j] = 2 * covered >= rays
 
 
-@kernel
+@arrayless(kernel)
 def _normal_map(edges, normals, pose, matrix):
     """Write what takes a ray (1, u, v) to the normal of a face (3, 3); return twice the face's area.
 
@@ -89,7 +116,7 @@ def _normal_map(edges, normals, pose, matrix):
     return length
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _take(owner, nearness, shift, v, rows, column, face, mark):
     """Mark the rays of a pixel that see a face in a column of it.
 
@@ -108,7 +135,7 @@ def _take(owner, nearness, shift, v, rows, column, face, mark):
     return members, members / near, across * share, up * share
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _normal(m, across, up):
     return (
         m[0, 0] + m[0, 1] * across + m[0, 2] * up,
@@ -117,7 +144,7 @@ def _normal(m, across, up):
     )
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _indentation(deep, lateral, vertical, radius, stretch):
     """Metres that a point `deep` metres below the apex, and beside it, lies in the undeformed gel."""
     squared = radius * radius - (lateral * lateral + vertical * vertical)
@@ -126,15 +153,17 @@ def _indentation(deep, lateral, vertical, radius, stretch):
     return deep if deep > 0 else 0.0
 
 
-@relaxed_kernel
-def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v,
-            rays, maps, doubled_area, positions, normals, depth):  # fmt: skip
-    """Write what `gather_samples` returns; `maps` (m, 3, 3), `doubled_area` (m,) of 0 are working memory."""
+@arrayless(relaxed_kernel)
+def _gather(raster, corner_normals, faces, pose, gel, rays, working, seen):
+    """Write what `gather_samples` returns; working memory are (m, 3, 3), and (m,) of 0."""
+    (owner, nearness, extent, edges, inverse), (maps, doubled_area) = raster, working
+    camera, u, shift, v = rays.camera, rays.u, rays.shift, rays.v
+    positions, normals, depth = seen
     px, py, pz = positions[0], positions[1], positions[2]
     nx, ny, nz = normals[0], normals[1], normals[2]
     camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
     gel_x, gel_y, gel_z = gel[0] - camera_x, camera[1] - apex_y, camera[2] - apex_z
-    area, count, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays)
+    area, count, one, step = 0.0, np.uint64(0), np.uint64(1), np.uint64(rays.of_pixel)
     for top in range(np.uint64(0), np.uint64(len(v)), step):
         # Indices that cannot be negative are not tested for it.
         for column in range(np.uint64(extent[top, 0]), np.uint64(extent[top, 1] + 1)):
@@ -162,39 +191,34 @@ def _gather(owner, nearness, extent, edges, inverse, corner_normals, faces, pose
 
 
 def gather_samples(
-    owner: np.ndarray, nearness: np.ndarray, extent: np.ndarray, edges: np.ndarray, inverse: np.ndarray,
-    corner_normals: np.ndarray, faces: np.ndarray, pose: np.ndarray, camera: np.ndarray, gel: np.ndarray,
-    u: np.ndarray, shift: np.ndarray, v: np.ndarray, rays: int,
-) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
+    raster: Raster, corner_normals: np.ndarray, faces: np.ndarray, pose: np.ndarray, gel: np.ndarray,
+    rays: Rays,
+) -> tuple[int, SeenPoints, float]:  # fmt: skip
     """Points and normals to shade: one for each face in each pixel, amid the rays that see it there.
 
     Parameters
     ----------
-    owner, nearness, extent, edges, inverse
-        As `rasterise.rasterise` returns them; `owner` is changed: to -2 less the column of the results of
-        each ray, or -1 for the gel.
+    raster
+        As `rasterise.rasterise` returns it; `owner` is changed: to -2 less the column of the results of each
+        ray, or -1 for the gel.
     corner_normals, faces
         (F, 3, 3) in the object frame, and which of the faces the triangles are (m,).
     pose, gel
-        sensor_to_object (4, 4), and as of `gel.gel_constants`; the others are as for `rasterise.rasterise`.
+        sensor_to_object (4, 4), and as of `gel.gel_constants`.
+    rays
+        Of the camera.
 
     Returns
     -------
-    count
-        How many there are, n. The following have room for more.
-    positions, normals
-        (3, >= n) float32 sensor frame; the normals, towards the camera, of any length.
-    depth
-        (>= n,) metres in the undeformed gel.
+    count, points
+        How many there are, and the points.
     area
         Square metres of surface for each unit of du dv, summed over the rays.
     """
-    most = int(np.maximum(extent[:, 1] - extent[:, 0] + 1, 0).sum())
-    maps, doubled_area = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
-    positions, normals = np.empty((3, most), dtype=np.float32), np.empty((3, most), dtype=np.float32)
-    depth = np.empty(most)
-    count, area = _gather(
-        owner, nearness, extent, edges, inverse, corner_normals, faces, pose, camera, gel, u, shift, v, rays,
-        maps, doubled_area, positions, normals, depth,
-    )  # fmt: skip
-    return count, positions, normals, depth, area
+    most = int(np.maximum(raster.extent[:, 1] - raster.extent[:, 0] + 1, 0).sum())
+    working = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
+    seen = SeenPoints(
+        np.empty((3, most), dtype=np.float32), np.empty((3, most), dtype=np.float32), np.empty(most)
+    )
+    count, area = _gather(raster, corner_normals, faces, pose, gel, rays, working, seen)
+    return count, seen, area

@@ -8,15 +8,64 @@ behind the camera. In a row of rays these are linear in u: each face covers an i
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+from typing import NamedTuple
+
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 
 # Columns and rows of rays; keeps rays that pass along an edge in the faces on both of its sides.
 RAY_SLACK = 1e-7
 
 
-@kernel
+class Rays(NamedTuple):
+    """Rays of a camera.
+
+    Parameters
+    ----------
+    camera
+        (3,) sensor frame, metres.
+    u, shift, v
+        (columns,), (rows,) and (rows,): slopes u + shift and v of the rays.
+    near
+        Depth of the near plane, metres.
+    of_pixel
+        Rays of a pixel, each in a row of its own.
+    """
+
+    camera: np.ndarray
+    u: np.ndarray
+    shift: np.ndarray
+    v: np.ndarray
+    near: float
+    of_pixel: int
+
+
+class Raster(NamedTuple):
+    """The nearest face along each ray.
+
+    Parameters
+    ----------
+    owner
+        (rows, columns) int32 face, -1: none; set only in the extent.
+    nearness
+        (rows, columns) one over the depth along the camera's axis; set only in the extent.
+    extent
+        (rows, 2) first and last column outside which nothing is seen, the same for all rows of a pixel.
+    edges
+        (m, 3, 3) normals of the planes through the camera and the edges opposite to each corner.
+    inverse
+        (m,) one over the determinant of each triangle's corners from the camera.
+    """
+
+    owner: np.ndarray
+    nearness: np.ndarray
+    extent: np.ndarray
+    edges: np.ndarray
+    inverse: np.ndarray
+
+
+@arrayless(kernel)
 def _range(a, b, c, first, pitch, count):
     """First and last ray whose slope lies between the least and greatest of three."""
     least, most = (a - first) / pitch, (a - first) / pitch
@@ -28,7 +77,7 @@ def _range(a, b, c, first, pitch, count):
     )
 
 
-@kernel
+@arrayless(kernel)
 def _edges(triangle, camera, edges):
     """Write b x c, c x a and a x b of the corners from the camera; return a . (b x c)."""
     for corner in range(3):
@@ -42,7 +91,7 @@ def _edges(triangle, camera, edges):
     return edges[0, 0] * x + edges[0, 1] * y + edges[0, 2] * z
 
 
-@kernel
+@arrayless(kernel)
 def _rows(triangle, camera, v, near):
     """First and last row of rays that a face may cover."""
     x0, x1, x2 = triangle[0, 0] - camera[0], triangle[1, 0] - camera[0], triangle[2, 0] - camera[0]
@@ -52,12 +101,13 @@ def _rows(triangle, camera, v, near):
     return _range(z0 / x0, z1 / x1, z2 / x2, v[0], v[1] - v[0], len(v))
 
 
-@kernel
-def _columns(edges, sign, u, shift, v, first, rows, lows, highs, used):
+@arrayless(kernel)
+def _columns(edges, sign, rays, first, rows, lows, highs, used):
     """Write first and last column in which `rows` rows of rays from `first` on meet a face, whole.
 
     Each edge bounds the columns from one side. Row `first` is at `used` of `lows` and `highs`.
     """
+    u, shift, v = rays.u, rays.shift, rays.v
     spacing, count = u[1] - u[0], float(len(u))
     for row in range(rows):
         lows[used + row], highs[used + row] = 0.0, count - 1
@@ -81,19 +131,20 @@ def _columns(edges, sign, u, shift, v, first, rows, lows, highs, used):
         highs[at] = np.floor((high if high > -1.0 else -1.0) + RAY_SLACK)
 
 
-@kernel
-def _nearer(best, owner, u, first, end, face, constant, slope, limit):
+@arrayless(kernel)
+def _nearer(best, owner, u, columns, face, plane, limit):
     """Write a face where it is the nearest, and not behind the gel, along columns first..end of a row."""
-    for j in range(first, end):
+    constant, slope = plane
+    for j in range(columns[0], columns[1]):
         nearness = constant + slope * u[j]
         before = (nearness >= best[j]) & (nearness < limit)
         best[j] = nearness if before else best[j]
         owner[j] = face if before else owner[j]
 
 
-@kernel
-def _faces(triangles, bounds, camera, v, near, edges, inverse, rows):
-    """Write normals and inverse determinants as `rasterise` returns them, and first and last row (m, 2).
+@arrayless(kernel)
+def _faces(triangles, bounds, rays, edges, inverse, rows):
+    """Write normals and inverse determinants of a `Raster`, and first and last row (m, 2).
 
     Returns how many rows there are, over all faces.
     """
@@ -102,18 +153,18 @@ def _faces(triangles, bounds, camera, v, near, edges, inverse, rows):
         inverse[face], rows[face, 0], rows[face, 1] = 0.0, 0, -1
         if not bounds[face] > 0:
             continue
-        determinant = _edges(triangles[face], camera, edges[face])
+        determinant = _edges(triangles[face], rays.camera, edges[face])
         if determinant == 0 or not np.isfinite(1 / determinant):
             continue
         inverse[face] = 1 / determinant
-        first, last = _rows(triangles[face], camera, v, near)
+        first, last = _rows(triangles[face], rays.camera, rays.v, rays.near)
         if first <= last:
             rows[face, 0], rows[face, 1] = first, last
             total += last - first + 1
     return total
 
 
-@kernel
+@arrayless(kernel)
 def _widest(extent, start, rays):
     """Make the extent of the rows of a pixel that of all of them; return it."""
     first, last = extent[start, 0], extent[start, 1]
@@ -125,10 +176,11 @@ def _widest(extent, start, rays):
 
 
 @kernel
-def _rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays,
-               owner, best, extent, edges, inverse, rows):  # fmt: skip
+def _rasterise(triangles, bounds, rays, gel_nearness, raster, rows):
     """Write what `rasterise` returns; `rows` (m, 2) is working memory."""
-    total = _faces(triangles, bounds, camera, v, near, edges, inverse, rows)
+    u, shift, v = rays.u, rays.shift, rays.v
+    owner, best, extent, edges, inverse = raster
+    total = _faces(triangles, bounds, rays, edges, inverse, rows)
     lows, highs = np.empty(total), np.empty(total)
     for row in range(len(v)):
         extent[row, 0], extent[row, 1] = len(u), -1
@@ -136,19 +188,19 @@ def _rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays,
     for face in range(len(triangles)):
         first, count = rows[face, 0], np.uint64(rows[face, 1] + 1 - rows[face, 0])
         sign = 1.0 if inverse[face] > 0 else -1.0
-        _columns(edges[face], sign, u, shift, v, np.uint64(first), count, lows, highs, used)
+        _columns(edges[face], sign, rays, np.uint64(first), count, lows, highs, used)
         for row in range(first, rows[face, 1] + 1):
             low, high = int(lows[used]), int(highs[used])
             if low <= high:
                 extent[row, 0], extent[row, 1] = min(extent[row, 0], low), max(extent[row, 1], high)
             used += np.uint64(1)
-    for start in range(0, len(v), rays):
-        first, last = _widest(extent, start, rays)
-        for row in range(start, start + rays):
+    for start in range(0, len(v), rays.of_pixel):
+        first, last = _widest(extent, start, rays.of_pixel)
+        for row in range(start, start + rays.of_pixel):
             for j in range(np.uint64(first), np.uint64(last + 1)):
                 best[row, j] = gel_nearness[row, j]
                 owner[row, j] = -1
-    limit = 1 / near
+    limit = 1 / rays.near
     used = np.uint64(0)
     for face in range(len(triangles)):
         e, scale = edges[face], inverse[face]
@@ -160,14 +212,11 @@ def _rasterise(triangles, bounds, camera, u, shift, v, gel_nearness, near, rays,
             used += np.uint64(1)
             if first <= last:
                 constant = (along + down * v[row]) * scale + slope * shift[row]
-                end = np.uint64(last + 1)
-                _nearer(best[row], owner[row], u, np.uint64(first), end, face, constant, slope, limit)
+                columns = np.uint64(first), np.uint64(last + 1)
+                _nearer(best[row], owner[row], u, columns, face, (constant, slope), limit)
 
 
-def rasterise(
-    triangles: np.ndarray, bounds: np.ndarray, camera: np.ndarray, u: np.ndarray, shift: np.ndarray,
-    v: np.ndarray, gel_nearness: np.ndarray, near: float, rays: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+def rasterise(triangles: np.ndarray, bounds: np.ndarray, rays: Rays, gel_nearness: np.ndarray) -> Raster:
     """Find the nearest face before the gel along each ray.
 
     Parameters
@@ -176,36 +225,15 @@ def rasterise(
         (m, 3, 3) sensor frame, metres. Of faces equally near the last is seen.
     bounds
         (m,) metres; faces of 0 or less are left out.
-    camera
-        (3,).
-    u, shift, v
-        (columns,), (rows,) and (rows,): slopes u + shift and v of the rays.
+    rays
+        Of the camera.
     gel_nearness
         (rows, columns) least one over depth of what is before the gel.
-    near
-        Depth of the near plane, metres.
-    rays
-        Of a pixel, each in a row of its own.
-
-    Returns
-    -------
-    owner
-        (rows, columns) int32 face, -1: none; set only in the extent.
-    nearness
-        (rows, columns) one over the depth along the camera's axis; set only in the extent.
-    extent
-        (rows, 2) first and last column outside which nothing is seen, the same for all rows of a pixel.
-    edges
-        (m, 3, 3) normals of the planes through the camera and the edges opposite to each corner.
-    inverse
-        (m,) one over the determinant of each triangle's corners from the camera.
     """
-    count, shape = len(triangles), (len(v), len(u))
-    owner, best = np.empty(shape, dtype=np.int32), np.empty(shape)
-    edges, inverse = np.empty((count, 3, 3)), np.empty(count)
-    extent, rows = np.empty((len(v), 2), dtype=np.int64), np.empty((count, 2), dtype=np.int64)
-    _rasterise(
-        triangles, bounds, camera, u, shift, v, gel_nearness, near, rays,
-        owner, best, extent, edges, inverse, rows,
+    count, lines, shape = len(triangles), len(rays.v), (len(rays.v), len(rays.u))
+    raster = Raster(
+        np.empty(shape, dtype=np.int32), np.empty(shape), np.empty((lines, 2), dtype=np.int64),
+        np.empty((count, 3, 3)), np.empty(count),
     )  # fmt: skip
-    return owner, best, extent, edges, inverse
+    _rasterise(triangles, bounds, rays, gel_nearness, raster, np.empty((count, 2), dtype=np.int64))
+    return raster

@@ -19,10 +19,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -91,12 +92,31 @@ class ShadowCaster:
                 lamp, ends, beside, strides = (column, row, near), column_ends, row_ends, (1, width)
             first, number = _lines((direction, tangent, step, count), lamp, ends, beside)
             if number:
-                _sweep(
-                    *by_axis[int(axis)], ends, int(direction), tangent + first * step, step, lamp,
-                    np.zeros((5, number + 2), np.float32), self.shares[int(index)], self.softness, light,
-                    *strides,
-                )  # fmt: skip
+                swept = int(direction), tangent + first * step, step
+                lines, share = Lines(*np.zeros((5, number + 2), np.float32)), self.shares[int(index)]
+                target = light, *strides
+                _sweep(by_axis[int(axis)], ends, swept, lamp, lines, share, self.softness, target)
         return light
+
+
+class Lines(NamedTuple):
+    """Of each line of a fan (n,) float32, with room for two more, as a sweep reaches a row.
+
+    Parameters
+    ----------
+    horizons, tops
+        The greatest slope from the lamp that the line has met, and how far from the lamp.
+    nearness, slopes
+        One over the depth in the row, and the slope from the lamp.
+    dark
+        How dark the line is.
+    """
+
+    horizons: np.ndarray
+    tops: np.ndarray
+    nearness: np.ndarray
+    slopes: np.ndarray
+    dark: np.ndarray
 
 
 @lru_cache(maxsize=8)
@@ -148,12 +168,15 @@ def _lines(
     return first, max(min(math.ceil(max(met)) + 1, last) - first + 1, 0)
 
 
-@kernel
-def _follow(near, pressed, start, spacing, low, high, inverse, lamp_nearness, nearness, slopes, dark):
-    """Interpolate a row at lines low..high: one over the depth, and the slope from the lamp.
+@arrayless(kernel)
+def _follow(near, pressed, columns, span, inverse, lamp_nearness, lines):
+    """Interpolate a row at lines first..last of a span: one over the depth, and the slope from the lamp.
 
-    Writes to `dark` 0 where what is pressed in faces away from the lamp, else 1.
+    `columns` are that of line 0 and those between lines. Writes to `dark` 0 where what is pressed in faces
+    away from the lamp, else 1.
     """
+    (start, spacing), (low, high) = columns, span
+    nearness, slopes, dark = lines.nearness, lines.slopes, lines.dark
     one, half, last = np.float32(1), np.float32(0.5), np.int32(len(near) - 2)
     for k in range(np.uint64(low), np.uint64(high + 1)):
         place = start + spacing * np.float32(np.int32(k))
@@ -167,19 +190,20 @@ def _follow(near, pressed, start, spacing, low, high, inverse, lamp_nearness, ne
         dark[k] = np.float32(0) if away else one
 
 
-@kernel
-def _advance(nearness, horizons, tops, dark, low, high, distance, lamp_nearness, softness, least, past):
-    """Write to `dark` how dark lines low..high are in a row.
+@arrayless(kernel)
+def _advance(lines, span, distance, lamp_nearness, softness, past):
+    """Write to `dark` how dark lines first..last of a span are in a row.
 
-    `horizons` and `tops` are the greatest slope that a line has met, and where. From `past` on nothing is
-    pressed in: a line ends where it sees the lamp again.
+    From `past` on nothing is pressed in: a line ends where it sees the lamp again.
     """
+    (low, high), lamp_height, least = span, softness[0], softness[1]
+    nearness, horizons, tops, dark = lines.nearness, lines.horizons, lines.tops, lines.dark
     one, inverse = np.float32(1), np.float32(1) / distance
     open_end = np.float32(-np.inf)
     for k in range(np.uint64(low), np.uint64(high + 1)):
         n, horizon, top = nearness[k], horizons[k], tops[k]
         slope = (n - lamp_nearness) * inverse
-        penumbra = softness * (one - top * inverse) + least
+        penumbra = lamp_height * (one - top * inverse) + least
         hidden = (horizon - slope) * top / (n * n * penumbra)
         behind = slope < horizon
         shade = (hidden if hidden < one else one) * dark[k]
@@ -189,9 +213,10 @@ def _advance(nearness, horizons, tops, dark, low, high, distance, lamp_nearness,
         tops[k] = top if behind else distance
 
 
-@kernel
-def _take(light, at, step, share, dark, first, pitch, low, high):
-    """Take from pixels low..high of a row of `light` what its lines are dark."""
+@arrayless(kernel)
+def _take(light, at, step, share, dark, first, pitch, span):
+    """Take from pixels first..last of a span of a row of `light` what its lines are dark."""
+    low, high = span
     one = np.float32(1)
     red, green, blue = share[0], share[1], share[2]
     for j in range(np.uint64(low), np.uint64(high + 1)):
@@ -206,20 +231,30 @@ def _take(light, at, step, share, dark, first, pitch, low, high):
         light[pixel, 2] *= one - blue * shade
 
 
-@kernel
-def _sweep(
-    nearness, depth, ends, direction, tangent, step, lamp, lines, share, softness, light, stride, pixel
-):
-    """Darken `light` (pixels, 3) by a fan that is swept row by row.
+@arrayless(kernel)
+def _sweep(membrane, ends, fan, lamp, lines, share, softness, target):
+    """Darken `target` by a fan that is swept row by row.
 
-    What is pressed in lies in the rows `ends`, first and last. Of `light`, rows are `stride` pixels apart
-    and columns `pixel`. `tangent` is that of the first of the lines, for which `lines` (5, number + 2) has
-    room.
+    Parameters
+    ----------
+    membrane
+        (height, width) one over its depth, and how far it is pressed in.
+    ends
+        First and last row in which what is pressed in lies.
+    fan
+        Direction of the sweep, tangent of the first line, and step of the tangent.
+    lamp, share, softness
+        As of `ShadowCaster`.
+    lines
+        Working memory, of 0.
+    target
+        Light (pixels, 3), and how many pixels its rows and its columns are apart.
     """
+    (nearness, depth), (direction, tangent, step), (light, stride, pixel) = membrane, fan, target
     height, width = nearness.shape
-    lamp_nearness, count = np.float32(lamp[2]), lines.shape[1] - 2
+    horizons, slopes, dark = lines.horizons, lines.slopes, lines.dark
+    lamp_nearness, count = np.float32(lamp[2]), len(dark) - 2
     start, past = (ends[0], ends[1]) if direction > 0 else (ends[1], ends[0])
-    horizons, slopes, tops, along, dark = lines[0], lines[1], lines[2], lines[3], lines[4]
     horizons[:] = -np.inf
     slopes[:] = -np.inf
     # Beside the outermost lines nothing is dark.
@@ -241,11 +276,10 @@ def _sweep(
             continue
         dark[:] = 0
         far = np.float32(distance)
-        _follow(
-            nearness[at], depth[at], np.float32(begin), np.float32(spacing), low, high,
-            np.float32(1) / far, lamp_nearness, along, slopes, dark,
-        )  # fmt: skip
-        _advance(along, horizons, tops, dark, low, high, far, lamp_nearness, softness[0], softness[1], over)
+        columns = np.float32(begin), np.float32(spacing)
+        inverse = np.float32(1) / far
+        _follow(nearness[at], depth[at], columns, (low, high), inverse, lamp_nearness, lines)
+        _advance(lines, (low, high), far, lamp_nearness, softness, over)
         darkest = np.float32(0)
         for k in range(low, high + 1):
             if dark[k] > darkest:
@@ -258,13 +292,13 @@ def _sweep(
             left, right = left if left > 0 else 0.0, right if right < width - 1 else width - 1.0
             _take(
                 light, np.uint64(at * stride), np.uint64(pixel), share, dark, np.float32(-begin / spacing),
-                np.float32(1 / spacing), np.int64(left), np.int64(right),
+                np.float32(1 / spacing), (np.int64(left), np.int64(right)),
             )  # fmt: skip
         elif over:
             break
 
 
-@kernel
+@arrayless(kernel)
 def _darken(rgb, light):
     values, shares = rgb.reshape(-1), light.reshape(-1)
     for index in range(len(values)):

@@ -8,8 +8,8 @@ import numpy as np
 from objectfolder.touch.contact.first_touch import contact_normals, first_touch_poses
 from objectfolder.touch.contact.indentation import deepest
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.gather import gather_samples, resolve
-from objectfolder.touch.rendering.rasterise import rasterise
+from objectfolder.touch.rendering.gather import Picture, gather_samples, resolve
+from objectfolder.touch.rendering.rasterise import Rays, rasterise
 from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
 from objectfolder.touch.sensor.gel import gel_constants
@@ -92,36 +92,35 @@ class Simulator:
 
     def see(self, pose: np.ndarray, near: Near) -> TouchImage:
         """Return the image of the faces whose bound is above 0, and the area seen in the gel."""
-        camera, grid = self._camera, self._camera.grid
-        rays, view = grid.samples**2, (grid.u, grid.shift, grid.v)
+        camera = self._camera
         rgb = camera.no_contact.copy()
-        depth, mask = np.zeros(rgb.shape[:2], dtype=np.float32), np.zeros(rgb.shape[:2], dtype=bool)
-        raster = rasterise(
-            near.triangles, near.bounds, camera.position, *view, camera.gel_nearness, grid.near, rays
+        shape = rgb.shape[:2]
+        picture = Picture(rgb, np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=bool))
+        raster = rasterise(near.triangles, near.bounds, camera.rays, camera.gel_nearness)
+        count, points, area = gather_samples(
+            raster, self._patches.corner_normals, near.faces, pose, self._gel, camera.rays
         )
-        owner, _, extent, _, _ = raster
-        count, positions, normals, sample_depth, area = gather_samples(
-            *raster, self._patches.corner_normals, near.faces, pose, camera.position, self._gel, *view, rays
-        )
-        values = camera.lighting.shade(count, positions, normals)
+        values = camera.lighting.shade(count, points.positions, points.normals)
         resolve(
-            owner, extent, values, sample_depth, camera.gel_values, rays, DEPTH_STEPS_PER_M, rgb, depth, mask
-        )
+            raster.owner, raster.extent, values, points.depth, camera.gel_values, camera.rays.of_pixel,
+            DEPTH_STEPS_PER_M, picture,
+        )  # fmt: skip
         if camera.surroundings is not None:
-            camera.surroundings.cast(rgb, depth)
-        return TouchImage(rgb, depth, mask, float(area) * grid.cell)
+            camera.surroundings.cast(picture.rgb, picture.depth)
+        return TouchImage(*picture, float(area) * camera.ray_area)
 
 
 class _Camera:
     """What is the same for all touches of a sensor at a number of samples."""
 
     def __init__(self, sensor: Sensor, samples: int) -> None:
-        self.grid = coverage_grid(sensor, samples)
-        self.position = np.asarray(sensor.camera_position_m, dtype=np.float64)
-        shape = (len(self.grid.v), len(self.grid.u))
+        grid = coverage_grid(sensor, samples)
+        position = np.asarray(sensor.camera_position_m, dtype=np.float64)
+        self.rays = Rays(position, grid.u, grid.shift, grid.v, grid.near, grid.samples**2)
+        self.ray_area = grid.cell
         # The next number: what is as near as the gel is not before it.
-        self.gel_nearness = np.nextafter(1 / self.grid.gel_depth, np.inf).reshape(shape)
-        self.gel_values = self.grid.gel_values.reshape(sensor.image_height, sensor.image_width, 3)
+        self.gel_nearness = np.nextafter(1 / grid.gel_depth, np.inf).reshape(len(grid.v), len(grid.u))
+        self.gel_values = grid.gel_values.reshape(sensor.image_height, sensor.image_width, 3)
         self.no_contact = no_contact_image(sensor, samples)
         self.surroundings = surroundings(sensor)
         table = sensor.photometric_table

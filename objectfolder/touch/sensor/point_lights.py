@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.jit import relaxed_kernel
+from objectfolder.jit import arrayless, relaxed_kernel
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import DIELECTRIC_REFLECTANCE
 
@@ -64,10 +64,9 @@ class PointLights:
         """Pixel values (3, count) float32 of the first points (3, n) with normals (3, n), both float32."""
         work, scale = np.ones(WORK, dtype=np.float32), np.empty(BLOCK_POINTS, dtype=np.float32)
         values = np.empty((3, count), dtype=np.float32)
-        _shade(
-            count, positions, normals, self.camera, self.positions, self.colours, self.material,
-            self.exponent, work, work.view(np.int32), scale, scale.view(np.int32), values,
-        )  # fmt: skip
+        lights = self.camera, self.positions, self.colours, self.material, self.exponent
+        working = work, work.view(np.int32), scale, scale.view(np.int32)
+        _shade(positions, normals, lights, working, values)
         return values
 
 
@@ -90,7 +89,7 @@ def point_lights(sensor: Sensor) -> PointLights:
     )
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _directions(work, camera, k):
     """Make the normals unit; write directions to the camera, n . v, and Smith's term of it."""
     one, least = np.float32(1), np.float32(0.001)
@@ -112,7 +111,7 @@ def _directions(work, camera, k):
         work[VISIBLE_ROW + i] = cosine / (cosine * (one - k) + k)
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _reflect(work, light, colour, alpha2, k, base, diffuse):
     """Add what the points reflect of a light to the radiance."""
     zero, one, least, four = np.float32(0), np.float32(1), np.float32(0.001), np.float32(4)
@@ -154,7 +153,7 @@ def _reflect(work, light, colour, alpha2, k, base, diffuse):
         work[RADIANCE + 2 * BLOCK_POINTS + i] += blue * reflected
 
 
-@relaxed_kernel
+@arrayless(relaxed_kernel)
 def _encode(bits, row, exponent, values, start, size, octaves):
     """Write min(radiance, 1) ** exponent as value * 2 ** k, both by polynomials; k as the bits of a float.
 
@@ -178,13 +177,16 @@ def _encode(bits, row, exponent, values, start, size, octaves):
         values[start + i] = value
 
 
-@relaxed_kernel
-def _shade(
-    count, positions, normals, camera, lights, colours, material, exponent, work, bits, scale, octaves, values
-):
-    """Write pixel values; working memory: `work` (`WORK`,), `scale` (`BLOCK_POINTS`,), int32 views."""
+@arrayless(relaxed_kernel)
+def _shade(positions, normals, lighting, working, values):
+    """Write the values (3, count) of the first points.
+
+    `lighting` are the parameters of `PointLights`. Working memory are (`WORK`,) and (`BLOCK_POINTS`,)
+    float32, each followed by its int32 view.
+    """
+    (camera, lights, colours, material, exponent), (work, bits, scale, octaves) = lighting, working
     # Indices that cannot be negative are not tested for it.
-    block, end = np.uint64(BLOCK_POINTS), np.uint64(count)
+    block, end = np.uint64(BLOCK_POINTS), np.uint64(values.shape[1])
     for start in range(np.uint64(0), end, block):
         size = block if block < end - start else end - start
         for axis in range(3):
