@@ -76,6 +76,16 @@ def test_the_backward_error_of_a_solid_is_rounding(solver: str) -> None:
     assert factors.backward_error() < 1e-14
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_blocks_are_factorised_as_their_entries(solver: str) -> None:
+    stiffness, mass = assemble(space_on(box((2, 2, 1), (1, 1, 0.1)), 2, 1.0)[0], 0.3)
+    dense = stiffness.toarray() - 25.0 * np.kron(mass.toarray(), np.eye(3))
+    right = np.random.default_rng(4).standard_normal((len(dense), 3))
+    factors = Factorisation(shifted(stiffness, mass, 25.0), definite=False, solver=solver)
+    assert factors.negative() == np.count_nonzero(np.linalg.eigvalsh(dense) < 0)
+    np.testing.assert_allclose(factors.solve(right), np.linalg.solve(dense, right), rtol=1e-9, atol=1e-9)
+
+
 def test_solutions_need_no_entries_of_the_matrix() -> None:
     """Of a definite matrix, and of an indefinite one after its count: they are dropped."""
     right = np.random.default_rng(2).standard_normal((60, 3))
