@@ -1,7 +1,7 @@
 """The parameters of the tasks, read strictly."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 from objectfolder.errors import InputError
 
 Pixels = Annotated[int, Field(ge=16, le=512)]
+# What gels show of a grasp.
+GelParts = Annotated[tuple[Literal["depth", "force", "shear"], ...], Field(min_length=1)]
 
 
 class _Strict(BaseModel):
@@ -87,6 +89,8 @@ class Regrasping(_Strict):
     """Grasps by touch, and how a policy learns them."""
 
     seeds: tuple[int, ...] = Field(min_length=1)
+    observation: GelParts
+    ablation: tuple[GelParts, ...]
     force_share: PositiveFloat
     spread_m: PositiveFloat
     regrasps: PositiveInt

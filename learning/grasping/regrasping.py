@@ -4,7 +4,7 @@ The object is put back before it is grasped again, so that what an attempt comes
 close alone. The force is the same throughout: nothing is won by squeezing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -18,23 +18,25 @@ from objectfolder.errors import QueryError
 from objectfolder.live import Felt
 
 Floats = NDArray[np.float32]
-POOLED = 8, 6  # rows and columns that an image of a gel's depth is averaged to
-GEL = POOLED[0] * POOLED[1] + 3  # numbers that a gel shows
-OBSERVED = 2 * GEL + 1 + 3 + 1
+POOLED = 8, 6  # rows and columns that fields over a gel are averaged to
+# Numbers of each part that a gel may show: how deep it is pressed in, the force on it, how far it is sheared.
+GEL_SIZES = {"depth": POOLED[0] * POOLED[1], "force": 3, "shear": 2 * POOLED[0] * POOLED[1]}
+WITHOUT_GELS = 1 + 3 + 1  # numbers of an observation
 # A move by 1 of an action: along the fingers' breadth, of the object's yaw, of the height.
 MOVE = np.array([0.04, 0.25, 0.3])  # metres, radians, halves of the object's height between the fingers
-DEPTH_M, FORCE_N, OPENING_M = 1e-4, 5.0, 0.1  # what an observation counts as 1
+DEPTH_M, FORCE_N, SHEAR_M, OPENING_M = 1e-4, 5.0, 1e-4, 0.1  # what an observation counts as 1
 FARTHEST = np.array([0.1, 0.75, 0.8])  # from the centre of mass, as `MOVE`
 
 
 class Regrasping(gymnasium.Env[Floats, Floats]):
     """Grasps of one of several objects, drawn by episode.
 
-    An observation (`OBSERVED`,) is what both gels show: `POOLED` mean depths and the force (3,) on each, in
-    its sensor's frame. Then: how far the gels are apart, what has been moved since the first grasp, the share
-    of the regrasps that is left. An action (4,) in [-1, 1] is a move, see `MOVE`. Above 0 in its last place
-    the fingers lift instead. After the last regrasp they lift in any case. Only lifting ends an episode. It
-    is rewarded by 1 where the object is held; each regrasp is charged for.
+    An observation (n,) is what both gels show: of each those of `POOLED` mean depths, the force (3,) in its
+    sensor's frame, and `POOLED` mean displacements along it, across and down, that are asked for. Then
+    (`WITHOUT_GELS`,): how far the gels are apart, what has been moved since the first grasp, the share of the
+    regrasps that is left. An action (4,) in [-1, 1] is a move, see `MOVE`. Above 0 in its last place the
+    fingers lift instead. After the last regrasp they lift in any case. Only lifting ends an episode. It is
+    rewarded by 1 where the object is held; each regrasp is charged for.
 
     A gel whose press cannot be solved shows nothing, as where a collision part stands off the surface.
     ``unseen`` of what is said beside an observation counts these in the episode.
@@ -51,6 +53,8 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         At most, in an episode.
     charge
         Of a regrasp.
+    observation
+        What gels show, of `GEL_SIZES`.
 
     Attributes
     ----------
@@ -71,10 +75,14 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         spread_m: float,
         regrasps: int,
         charge: float,
+        observation: Sequence[str] = ("depth", "force"),
     ) -> None:
         self._worlds, self._forces_n, self.ids = worlds, dict(forces_n), sorted(worlds)
         self._spread_m, self._most, self._charge = spread_m, regrasps, charge
-        self.observation_space = Box(-np.inf, np.inf, (OBSERVED,), np.float32)
+        self._shown = [part for part in GEL_SIZES if part in observation]
+        self._gel_size = sum(GEL_SIZES[part] for part in self._shown)
+        size = 2 * self._gel_size + WITHOUT_GELS
+        self.observation_space = Box(-np.inf, np.inf, (size,), np.float32)
         self.action_space = Box(-1.0, 1.0, (4,), np.float32)
 
     def reset(
@@ -129,10 +137,18 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         return np.hstack([*gels, world.opening_m / OPENING_M, moved, remaining]).astype(np.float32)
 
     def _gel_features(self, felt: Felt) -> Floats:
-        """Return how deep a gel is pressed in, and the force on it, as numbers about 1."""
+        """Return what a gel shows, as numbers about 1."""
+        features = {
+            "depth": lambda: _averaged(felt.pressed.displacement_m) / DEPTH_M,
+            "force": lambda: felt.force_n / FORCE_N,
+            "shear": lambda: np.hstack([_averaged(way) for way in felt.sheared[1].displacement_m]) / SHEAR_M,
+        }
         try:
-            depth_m = resize_local_mean(felt.pressed.displacement_m, POOLED)
+            return np.hstack([features[part]() for part in self._shown]).astype(np.float32)
         except QueryError:
             self._unseen += 1
-            return np.zeros(GEL, dtype=np.float32)
-        return np.hstack([depth_m.ravel() / DEPTH_M, felt.force_n / FORCE_N]).astype(np.float32)
+            return np.zeros(self._gel_size, dtype=np.float32)
+
+
+def _averaged(field_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(resize_local_mean(field_m, POOLED)).ravel()

@@ -2,12 +2,13 @@
 
 Beside it stand: lifting at the first grasp; moves drawn at random; the best of fixed moves, found on
 episodes of the training; and, as one who sees could do, the hardest squeeze at the centre of mass. An object
-is put back before it is grasped again. So a sequence of fixed moves is worth what their sum is.
+is put back before it is grasped again. So a sequence of fixed moves is worth what their sum is. Policies of
+the first seed to which gels show other things say what the parts of touch are worth.
 """
 
 import itertools
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from learning.grasping import world
-from learning.grasping.regrasping import GEL, Floats, Regrasping
+from learning.grasping.regrasping import WITHOUT_GELS, Floats, Regrasping
 from learning.grasping.worlds import Worlds
 from learning.runs import Objects, kept, kept_path
 from learning.settings import Settings
@@ -35,6 +36,7 @@ FIXED_MOVES = tuple(itertools.product((-0.5, -0.25, 0.0, 0.25, 0.5), (0.0,), (-0
 LIFT = np.array([0.0, 0.0, 0.0, 1.0], dtype=np.float32)
 TEST = 1_000_000  # seeds of the test's episodes are this and above
 BATCH_EPISODES = 50
+UNKEYED = {"seeds", "ablation", "rollouts", "episodes", "fixed_episodes"}  # settings that no unit depends on
 # An action by what is observed, by the number of regrasps, and by chance, which is the episode's own.
 Act = Callable[[Floats, int, np.random.Generator], Floats]
 Played = dict[str, NDArray[Any]]
@@ -44,10 +46,14 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     """Return how many objects are held, by policies that touch and by what stands beside them."""
     grasps, parameters = Grasps(objects, settings), settings.regrasping
     workers.gather([workers.submit(grasps.worlds.part, name) for name in grasps.worlds])
-    learnt: dict[int, Any] = dict.fromkeys(parameters.seeds)
+    learners = {f"touch, seed {seed}": (grasps, seed) for seed in parameters.seeds}
+    for shown in parameters.ablation:
+        name = f"{' + '.join(shown)}, seed {parameters.seeds[0]}"
+        learners[name] = Grasps(objects, showing(settings, shown)), parameters.seeds[0]
+    learnt: dict[str, Any] = dict.fromkeys(learners)
     for number in range(parameters.rollouts):
-        for seed in parameters.seeds:  # in turn, so that all are learnt at a time
-            learnt[seed] = workers.submit(grasps.learn, seed, number, learnt[seed])
+        for name, (own, seed) in learners.items():  # in turn, so that all are learnt at a time
+            learnt[name] = workers.submit(own.learn, seed, number, learnt[name])
     moves = [workers.submit(grasps.tried, move) for move in FIXED_MOVES]
     tests = {
         "first grasp": grasps.tests(workers, _lift),
@@ -57,8 +63,8 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     held = [episodes["held"].sum() for episodes in workers.gather(moves)]
     best = FIXED_MOVES[int(np.argmax(held))]
     tests["fixed move"] = grasps.tests(workers, partial(_moved, best))
-    for seed, last in learnt.items():
-        tests[f"touch, seed {seed}"] = grasps.tests(workers, partial(_touched, grasps.path(seed)), after=last)
+    for name, (own, seed) in learners.items():
+        tests[name] = own.tests(workers, partial(_touched, own.path(seed)), after=learnt[name])
     return {
         "spread_mm": 1e3 * parameters.spread_m,
         "fixed_move": list(best),
@@ -66,6 +72,12 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
             who: _figures(joined(workers.gather(batches)), grasps.ids) for who, batches in tests.items()
         },
     }
+
+
+def showing(settings: Settings, shown: Sequence[str]) -> Settings:
+    """Return the same settings but that gels show these parts of a grasp."""
+    regrasping = settings.regrasping.model_copy(update={"observation": tuple(shown)})
+    return settings.model_copy(update={"regrasping": regrasping})
 
 
 def _figures(played: Played, ids: list[str]) -> dict[str, Any]:
@@ -97,7 +109,7 @@ def _moved(move: tuple[float, ...], observed: Floats, regrasps: int, random: np.
 
 def feeling(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
     """Move at random until both gels are pressed, and then lift."""
-    pressed = observed[: 2 * GEL].reshape(2, GEL).any(axis=1).all()
+    pressed = observed[:-WITHOUT_GELS].reshape(2, -1).any(axis=1).all()
     return LIFT if pressed else np.array([*random.uniform(-1, 1, 3), -1.0], dtype=np.float32)
 
 
@@ -158,14 +170,17 @@ class Grasps:
         self.ids = list(self.worlds)
         self._least_n = {name: world.least_force_n(objects.files[name]) for name in self.ids}
         self._key: Mapping[str, Any] = {
-            "asked": self._parameters.model_dump(exclude={"seeds", "rollouts", "episodes", "fixed_episodes"}),
+            "asked": self._parameters.model_dump(exclude=UNKEYED),
             "files": self.worlds.digests,
         }
 
     def environment(self, force_share: float, spread_m: float) -> Regrasping:
         """Return an environment of all objects."""
         forces_n = {name: force_share * least_n for name, least_n in self._least_n.items()}
-        return Regrasping(self.worlds, forces_n, spread_m, self._parameters.regrasps, self._parameters.charge)
+        parameters = self._parameters
+        return Regrasping(
+            self.worlds, forces_n, spread_m, parameters.regrasps, parameters.charge, parameters.observation
+        )
 
     def tests(self, workers: Workers, act: Act, *, hardest: bool = False, after: Any = None) -> list[Any]:
         """Submit the test's episodes in batches, which each have their own seeds."""

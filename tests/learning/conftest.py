@@ -62,7 +62,14 @@ def tiny(small_file, tmp_path_factory):
                 update={"grasps": 8, "resolution": 16, "sizes": (16,), "folds": 2}
             ),
             "regrasping": settings.regrasping.model_copy(
-                update={"seeds": (0,), "rollouts": 2, "rollout_steps": 16, "fixed_episodes": 1, "episodes": 8}
+                update={
+                    "seeds": (0,),
+                    "ablation": (("force",),),
+                    "rollouts": 2,
+                    "rollout_steps": 16,
+                    "fixed_episodes": 1,
+                    "episodes": 8,
+                }
             ),
         }
     )

@@ -7,7 +7,7 @@ import pytest
 
 from learning import runs
 from learning.grasping import touch_policy
-from learning.grasping.regrasping import FARTHEST, GEL, MOVE, OBSERVED, Regrasping
+from learning.grasping.regrasping import FARTHEST, GEL_SIZES, MOVE, WITHOUT_GELS, Regrasping
 from learning.grasping.touch_policy import LIFT, TEST, play
 from learning.runs import Objects
 from learning.workers import Here
@@ -39,6 +39,27 @@ def test_an_episode_is_that_of_its_seed_whatever_was_done_before(held):
         assert reward == rewarded
 
 
+def test_gels_show_what_is_asked_for_and_no_more(held):
+    everything = ("depth", "force", "shear")
+    environments = {
+        shown: Regrasping(*held, 0.02, 3, 0.0, shown)
+        for shown in (everything, ("force",), ("shear", "depth"))
+    }
+    # The hull of a mug stands off its surface under some grasps, whose gels cannot be solved.
+    seed = next(seed for seed in range(20) if not environments[everything].reset(seed=seed)[1]["unseen"])
+    observed = {shown: environment.reset(seed=seed)[0] for shown, environment in environments.items()}
+    gels = {shown: seen[:-WITHOUT_GELS].reshape(2, -1) for shown, seen in observed.items()}
+    ends = np.cumsum([GEL_SIZES[part] for part in everything])[:-1]
+    depth, force, shear = np.split(gels[everything], ends, axis=1)
+    np.testing.assert_array_equal(gels["force",], force)
+    np.testing.assert_array_equal(gels["shear", "depth"], np.hstack([depth, shear]))
+    assert depth.max() > 0 > force[:, 0].max()
+    # A convex side spreads the gel: it moves away from the middle of where it is pressed.
+    assert np.ptp(shear, axis=1).min() > 0
+    for seen in observed.values():
+        np.testing.assert_array_equal(seen[-WITHOUT_GELS:], observed[everything][-WITHOUT_GELS:])
+
+
 def test_a_grasp_that_would_hold_ends_nothing_until_it_is_lifted(held):
     environment = _environment(held, spread_m=0.001)
     environment.reset(seed=0)
@@ -68,7 +89,7 @@ def test_moves_stay_within_reach_and_beyond_the_object_nothing_is_felt(held):
     environment.step(away)
     observed, reward, over, _, said = environment.step(away)
     assert np.all(said["place"] <= FARTHEST)
-    assert not observed[: 2 * GEL].any()
+    assert not observed[:-WITHOUT_GELS].any()
     assert over
     assert reward == -0.02
 
@@ -77,7 +98,8 @@ def test_moves_stay_within_reach_and_beyond_the_object_nothing_is_felt(held):
 def test_a_policy_that_was_stopped_becomes_what_it_would_have(mugs, tmp_path, monkeypatch):
     def answer(folder, rollouts):
         policy = _learnt(mugs, tmp_path / folder, monkeypatch, rollouts)
-        return policy.predict(np.linspace(0, 1, OBSERVED, dtype=np.float32), deterministic=True)[0]
+        observed = np.linspace(0, 1, policy.observation_space.shape[0], dtype=np.float32)
+        return policy.predict(observed, deterministic=True)[0]
 
     whole, start, parts = answer("whole", 2), answer("parts", 1), answer("parts", 2)
     np.testing.assert_array_equal(whole, parts)
@@ -96,7 +118,8 @@ def test_all_that_stands_beside_the_policy_is_figured(mugs, tmp_path, monkeypatc
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     found = touch_policy.evaluate(Objects(mugs), mugs, Here())
     json.dumps(found)
-    assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred", "touch, seed 0"}
+    learnt = {"touch, seed 0", "force, seed 0"}
+    assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred"} | learnt
     for one in found["held"].values():
         low, high = one["interval_percent"]
         assert 0 <= low <= one["percent"] <= high <= 100
