@@ -81,27 +81,51 @@ def _interval(value: float, interval: Sequence[float] | None, form: str) -> str:
 def recognition(figures: Figures) -> str:
     """Return top-1 accuracies by split and senses."""
     senses = ["V", "A", "T", "VA", "VT", "AT", "VAT"]
+    protocols = [protocol for protocol in ("sample", "region", "vertex") if protocol in figures]
+
+    def cells(cell: Callable[[Figures], str], rows: Figures) -> list[str]:
+        return [cell(rows[name]) if name in rows else "" for name in senses]
+
     heading = [f"recognition, top-1 %, chance {figures['chance_percent']:.0f}", *senses]
     rows = [
-        [f"split by {protocol}", *(
-            _interval(row["accuracy_percent"], row["interval_percent"], ".1f")
-            for row in (figures[protocol][name] for name in senses)
-        )]
-        for protocol in ("sample", "region")
-    ]  # fmt: skip
-    several = [
-        [f"five together, by {protocol}"]
-        + [f"{figures[protocol]['several'][name]['5']:.1f}" if len(name) == 1 else "" for name in senses]
-        for protocol in ("sample", "region")
+        *([f"split by {name}", *cells(_accuracy, figures[name])] for name in protocols),
+        *(
+            [f"five together, by {name}", *cells(lambda row: f"{row['5']:.1f}", figures[name]["several"])]
+            for name in protocols
+        ),
+        *(
+            [
+                f"standard deviation over seeds, by {name}",
+                *cells(lambda row: _number(row["sd_percent"], ".1f"), figures[name]),
+            ]
+            for name in protocols
+        ),
+        *(
+            [
+                f"nearest training place, by {name}",
+                *cells(lambda share: f"{share:.3f}", figures[name]["nearest_training_place"]),
+            ]
+            for name in protocols
+        ),
     ]
-    deviations = [
-        [f"standard deviation over seeds, by {protocol}"]
-        + [_number(figures[protocol][name]["sd_percent"], ".1f") for name in senses]
-        for protocol in ("sample", "region")
-    ]
-    dark = figures["one lamp"]["V"]
-    lamp = _interval(dark["accuracy_percent"], dark["interval_percent"], ".1f")
-    return f"{_rows(heading, [*rows, *several, *deviations])}\n\nImages with one lamp anywhere: {lamp}."
+    lines = [_rows(heading, rows), f"Images with one lamp anywhere: {_accuracy(figures['one lamp']['V'])}."]
+    if "vertex" in figures:
+        lines.append(_vertices(figures["vertex"]))
+    return "\n\n".join(lines)
+
+
+def _accuracy(row: Figures) -> str:
+    return _interval(row["accuracy_percent"], row["interval_percent"], ".1f")
+
+
+def _vertices(row: Figures) -> str:
+    least, most = row["training_touches"]
+    text = f"By vertex each object has {least:,} to {most:,} training touches."
+    if "finer" in row:
+        finer = row["finer"]
+        gained = _interval(finer["points_gained"], finer["interval_points"], "+.1f")
+        text += f" Images of {finer['pixels']} pixels gain {gained} points there, of the first seed's tests."
+    return text
 
 
 def _number(value: float | None, form: str) -> str:

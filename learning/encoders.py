@@ -4,6 +4,8 @@ Tasks work on its features. A protocol says what it is trained and tested on:
 
 - ``sample``: other draws of the same objects, as published;
 - ``region``: test places lie in regions without a training place;
+- ``vertex``: touches at vertices of the surface, all as deep, other vertices for each split: the touches of
+  ObjectFolder 1.0, as many of an object as `TouchAtVertices` asks for where it has these;
 - ``one lamp``: as ``sample``, but images have one lamp anywhere, as the published views;
 - ``unseen``: networks are trained on other objects than those that are tested. All folds share the draws of
   ``sample`` with the first seed: only who is trained on differs.
@@ -21,9 +23,11 @@ from numpy.typing import NDArray
 from learning.folds import folds_of
 from learning.networks import Labelled, Network, answers, fit_classifier
 from learning.runs import LOGS, Objects, kept
-from learning.samples import Samples, draw, regions_of
+from learning.samples import Samples, draw, pressed, reachable_vertices, regions_of
 from learning.settings import Settings
 from learning.workers import Workers
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
 
 SPLITS = ("training", "validation", "test")
@@ -79,6 +83,8 @@ def encoded(
         "data": settings.data.model_dump(exclude={"root", "objects"}),
         "encoder": settings.encoder.model_dump(), "files": objects.digests,
     }  # fmt: skip
+    if protocol == "vertex":
+        key["touch_at_vertices"] = settings.touch_at_vertices.model_dump(exclude={"finer_resolution"})
     stored = kept(__name__, key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
     return _unpacked(stored)
 
@@ -128,11 +134,14 @@ def _train(
         }
     else:
         samples, nearest = drawn(objects, settings, sense, protocol, seed)
+    parameters = settings.encoder
+    if protocol == "vertex":
+        parameters = parameters.model_copy(update={"epochs": settings.touch_at_vertices.epochs})
     from torch.utils.tensorboard import SummaryWriter
 
     with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:
         network = fit_classifier(
-            samples["training"], samples["validation"], len(objects), settings.encoder, seed, log
+            samples["training"], samples["validation"], len(objects), parameters, seed, log
         )
     return {**packed(network, samples), "nearest": np.array(nearest)}
 
@@ -170,7 +179,9 @@ def drawn(
     labelled = {
         split: Labelled(
             torch.cat([sample.inputs for sample in samples]),
-            torch.arange(len(objects)).repeat_interleave(len(samples[0].places)),
+            torch.arange(len(objects)).repeat_interleave(
+                torch.tensor([len(object_samples.places) for object_samples in samples])
+            ),
         )
         for split, samples in draws.items()
     }
@@ -181,6 +192,8 @@ def label_draws(
     objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, split: str
 ) -> list[Samples]:
     """Draw the samples of a split, an entry an object."""
+    if protocol == "vertex":
+        return [_at_vertices(file, name, settings, seed, split) for name, file in objects.files.items()]
     data = settings.data
     training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
     count = {"training": training, "validation": data.validation, "test": data.test}[split]
@@ -194,3 +207,19 @@ def label_draws(
         lit = protocol != "one lamp"
         draws.append(draw(file, sense, count, drawn_seed, resolution, chosen=chosen, lit=lit))
     return draws
+
+
+def _at_vertices(file: ObjectFile, object_id: str, settings: Settings, seed: int, split: str) -> Samples:
+    """Press at an object's vertices of a split: those of test and validation come first, others train."""
+    data, parameters = settings.data, settings.touch_at_vertices
+    places = reachable_vertices(file, parameters.depth_m, seed_from(seed, "touch vertex", object_id))
+    first = data.test + data.validation
+    if len(places) <= first:
+        finding = f"{len(places)} vertices can be pressed, and {first} are for test and validation"
+        raise InputError(object_id, finding, "Leave it out of `data.objects`")
+    rows = {
+        "test": slice(data.test),
+        "validation": slice(data.test, first),
+        "training": slice(first, first + parameters.training),
+    }[split]
+    return pressed(file, places[rows], parameters.depth_m, data.resolution.touch)

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
 from learning.encoders import Encoded, Encoder, encoded, train
-from learning.metrics import means_by_object, share_interval
+from learning.metrics import interval_over_objects, means_by_object, share_interval
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Settings
@@ -19,6 +19,7 @@ from learning.workers import Workers
 
 LETTERS = dict(zip(SENSES, "VAT", strict=True))
 COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SENSES, size))
+PROTOCOLS: dict[str, Sequence[str]] = {"sample": SENSES, "region": SENSES, "vertex": ("touch",)}
 SEVERAL = (1, 2, 3, 5)
 DRAWS = 500  # of several samples of an object
 PAIRINGS = 8  # of test samples, each with others of its object
@@ -140,35 +141,68 @@ def _shares(
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return accuracies by protocol and senses, curves of several samples, and how confused objects are."""
-    protocols = [(sense, protocol) for protocol in ("sample", "region") for sense in SENSES]
-    networks = [(*case, seed) for case in [*protocols, ("vision", "one lamp")] for seed in settings.seeds]
+    cases = [(sense, protocol) for protocol, senses in PROTOCOLS.items() for sense in senses]
+    networks = [(*case, seed) for case in [*cases, ("vision", "one lamp")] for seed in settings.seeds]
     train(objects, settings, workers, networks)
-    tests = settings.data.test * len(objects)
-    result: dict[str, Any] = {"chance_percent": 100 / len(objects), "tests_a_seed": tests}
-    for protocol in ("sample", "region"):
-        encoders = [
-            {sense: encoded(objects, settings, sense, protocol, seed) for sense in SENSES}
-            for seed in settings.seeds
-        ]
-        row: dict[str, Any] = {}
-        for senses in COMBINATIONS:
-            shares = [
-                workers.submit(_shares, objects, settings, senses, protocol, seed) for seed in settings.seeds
-            ]
-            row[name_of(senses)] = accuracies(workers.gather(shares))
-        row["several"] = {
-            LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
-            for sense in SENSES
-        }
-        row["nearest_training_place"] = {
-            LETTERS[sense]: float(np.mean([by_sense[sense].nearest_share for by_sense in encoders]))
-            for sense in SENSES
-        }
-        row["confusion"] = {LETTERS[sense]: _confusion(encoders, sense, len(objects)) for sense in SENSES}
-        result[protocol] = row
+    result: dict[str, Any] = {
+        "chance_percent": 100 / len(objects),
+        "tests_a_seed": settings.data.test * len(objects),
+    }
+    for protocol, senses in PROTOCOLS.items():
+        result[protocol] = _row(objects, settings, workers, protocol, senses)
+    result["vertex"] |= _at_vertices(objects, settings, workers)
     dark = [_shares(objects, settings, ("vision",), "one lamp", seed) for seed in settings.seeds]
     result["one lamp"] = {"V": accuracies(dark)}
     return result
+
+
+def _row(
+    objects: Objects, settings: Settings, workers: Workers, protocol: str, senses: Sequence[str]
+) -> dict[str, Any]:
+    """Return what a protocol gives: accuracies of all combinations of senses, and more of each sense."""
+    encoders = [
+        {sense: encoded(objects, settings, sense, protocol, seed) for sense in senses}
+        for seed in settings.seeds
+    ]
+    row: dict[str, Any] = {}
+    for joined in COMBINATIONS:
+        if set(joined) <= set(senses):
+            shares = [
+                workers.submit(_shares, objects, settings, joined, protocol, seed) for seed in settings.seeds
+            ]
+            row[name_of(joined)] = accuracies(workers.gather(shares))
+    row["several"] = {
+        LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
+        for sense in senses
+    }
+    row["nearest_training_place"] = {
+        LETTERS[sense]: float(np.mean([by_sense[sense].nearest_share for by_sense in encoders]))
+        for sense in senses
+    }
+    row["confusion"] = {LETTERS[sense]: _confusion(encoders, sense, len(objects)) for sense in senses}
+    return row
+
+
+def _at_vertices(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
+    """Return how many vertices of an object were trained on, least and most, and what finer images gain."""
+    seed, pixels = settings.seeds[0], settings.touch_at_vertices.finer_resolution
+    labels = encoded(objects, settings, "touch", "vertex", seed).splits["training"].labels
+    counts = np.bincount(labels)
+    result: dict[str, Any] = {"training_touches": [int(counts.min()), int(counts.max())]}
+    if pixels is None:
+        return result
+    finer = settings.with_resolution(touch=pixels)
+    train(objects, finer, workers, [("touch", "vertex", seed)])
+    shares = [_shares(objects, each, ("touch",), "vertex", seed) for each in (settings, finer)]
+    low, high = interval_over_objects(shares[1] - shares[0])
+    return result | {
+        "finer": {
+            "pixels": pixels,
+            "accuracy_percent": 100 * float(shares[1].mean()),
+            "points_gained": 100 * float((shares[1] - shares[0]).mean()),
+            "interval_points": [100 * low, 100 * high],
+        }
+    }
 
 
 def _several(encoders: Sequence[dict[str, Encoder]], sense: str, count: int) -> float:

@@ -141,6 +141,22 @@ def draw(
     raise InputError(name, finding, "Ask for fewer samples or fewer regions")
 
 
+def reachable_vertices(file: ObjectFile, depth_m: float, seed: int) -> Floats:
+    """Return the vertices (n, 3) of the surface that the sensor can be pressed at, in random order.
+
+    A place where several vertices lie stands once, so that parts of the rows share no place.
+    """
+    places = np.unique(file.surface.vertices, axis=0)
+    reachable = places[file.reach(places, depth_m, rolls=1).at_some_roll]
+    return np.random.default_rng(seed).permutation(reachable)
+
+
+def pressed(file: ObjectFile, places: Floats, depth_m: float, resolution: int) -> Samples:
+    """Press at places (n, 3) of the surface, all as deep."""
+    depths = np.full((len(places), 1), depth_m)
+    return Samples(_answers(file, "touch", places, depths, resolution), places, depths)
+
+
 def _queries(file: ObjectFile, sense: str, count: int, seed: int, lit: bool) -> tuple[Floats, Floats]:
     """Return places (count, 3), and what is asked there, a row each; see `Samples`."""
     random = np.random.default_rng(seed)

@@ -55,6 +55,15 @@ class Encoder(_Strict):
     learning_rate: PositiveFloat
 
 
+class TouchAtVertices(_Strict):
+    """Touches of ObjectFolder 1.0: at vertices, along their normals, all as deep."""
+
+    training: PositiveInt
+    epochs: PositiveInt
+    depth_m: float = Field(gt=0, le=0.002)
+    finer_resolution: Pixels | None
+
+
 class Retrieval(_Strict):
     """The common space of two senses."""
 
@@ -108,10 +117,17 @@ class Settings(_Strict):
     seeds: tuple[int, ...] = Field(min_length=1)
     folds: int = Field(ge=2, le=20)
     encoder: Encoder
+    touch_at_vertices: TouchAtVertices
     retrieval: Retrieval
     reconstruction: Reconstruction
     grasping: Grasping
     regrasping: Regrasping
+
+    def with_resolution(self, **pixels: int) -> "Settings":
+        """Return the same with other pixels on the shorter side of some senses."""
+        resolution = self.data.resolution.model_copy(update=pixels)
+        data = self.data.model_copy(update={"resolution": resolution})
+        return self.model_copy(update={"data": data})
 
 
 def read_settings(path: Path) -> Settings:

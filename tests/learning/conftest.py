@@ -54,6 +54,9 @@ def tiny(small_file, tmp_path_factory):
                 }
             ),
             "encoder": settings.encoder.model_copy(update={"width": 8, "epochs": 1}),
+            "touch_at_vertices": settings.touch_at_vertices.model_copy(
+                update={"training": 7, "epochs": 1, "finer_resolution": 20}
+            ),
             "retrieval": settings.retrieval.model_copy(update={"epochs": 1, "dimensions": 4}),
             "reconstruction": settings.reconstruction.model_copy(
                 update={"steps": 5, "points": 32, "width": 8, "grid": 16, "tests": 1, "surface_points": 200}

@@ -18,6 +18,8 @@ from learning.retrieval import similarities
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Retrieval
+from objectfolder.dataset import ObjectFolderDataset
+from objectfolder.errors import InputError
 from tests.learning.conftest import at_root
 
 
@@ -29,6 +31,29 @@ def objects(four, tiny):
 def rows_of(array):
     """The rows of an array by their bytes."""
     return {row.tobytes() for row in np.ascontiguousarray(array)}
+
+
+def test_no_vertex_of_a_split_is_in_another(tiny):
+    objects = Objects(tiny)
+    splits = [
+        label_draws(objects, tiny, "touch", "vertex", 0, split)
+        for split in ("training", "validation", "test")
+    ]
+    counts = tiny.touch_at_vertices.training, tiny.data.validation, tiny.data.test
+    for samples, count in zip(splits, counts, strict=True):
+        for file, one in zip(objects.files.values(), samples, strict=True):
+            assert len(one.places) == len(rows_of(one.places)) == count
+            assert rows_of(one.places) <= rows_of(file.surface.vertices)
+            assert set(one.queries.ravel()) == {tiny.touch_at_vertices.depth_m}
+    for first, second in combinations(splits, 2):
+        for one, other in zip(first, second, strict=True):
+            assert not rows_of(one.places) & rows_of(other.places)
+
+
+def test_an_object_without_vertices_to_train_on_is_an_error(tiny):
+    many = tiny.model_copy(update={"data": tiny.data.model_copy(update={"test": 10_000})})
+    with pytest.raises(InputError, match=r"a: \d+ vertices can be pressed, and 10004 are for test"):
+        label_draws(Objects(tiny), many, "touch", "vertex", 0, "training")
 
 
 @pytest.mark.parametrize("sense", SENSES)
