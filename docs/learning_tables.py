@@ -15,8 +15,9 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "learning" / "results"
 MARK = re.compile(r"<!-- learning (\w+) -->")
 SENSE_NAMES = {"V": "sight", "A": "sound", "T": "touch"}
-METHODS = {"ours": "triplet and cross-entropy", "CCA": "ridge CCA on the same features", "PLS": "PLS",
-           "classify, then look up": "classify, then look up"}  # fmt: skip
+METHODS = {"ours": "triplet and cross-entropy", "contrastive": "contrastive",
+           "CCA": "ridge CCA on the same features", "CCA of averaged inputs": "ridge CCA on averaged inputs",
+           "PLS": "PLS", "classify, then look up": "classify, then look up"}  # fmt: skip
 TRUTH, FILE = "truth to truth", "object_file to truth"
 LIKENESSES = {"iou": "IoU", "chamfer": "Chamfer-L1", "normal_consistency": "normal consistency"}
 GRASP_SENSES = {"V": "image", "T": "both gels", "VT": "both senses, one network",
@@ -142,7 +143,10 @@ def retrieval(figures: Figures) -> str:
         chance = next(iter(directions.values()))["ours"]["chance_one_positive"]
         heading = [f"{case} objects, mAP with one positive, chance {chance:.2f}", *directions]
         rows = []
+        recorded = next(iter(directions.values()))
         for method, label in METHODS.items():
+            if method not in recorded:
+                continue
             figures_of_method = [row[method] for row in directions.values()]
             single = [
                 _interval(row["map_one_positive"], row.get("map_one_positive_interval"), ".2f")

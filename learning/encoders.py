@@ -11,7 +11,7 @@ Tasks work on its features. A protocol says what it is trained and tested on:
   ``sample`` with the first seed: only who is trained on differs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch.nn.functional import adaptive_avg_pool2d
 
 from learning.folds import folds_of
 from learning.networks import Labelled, Network, answers, fit_classifier
@@ -31,6 +32,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
 
 SPLITS = ("training", "validation", "test")
+AVERAGED = 8  # rows and columns
 NetworkKey = tuple[str, str, int]
 Arrays = dict[str, NDArray[Any]]
 
@@ -44,11 +46,19 @@ class Encoded:
     features : (n, 8 width) float32
     log_probabilities : (n, classes) float32
     labels : (n,) int64, positions in `Objects.ids`
+    averaged_inputs : (n, channels `AVERAGED`^2) float32, what a sample shows without any training
     """
 
     features: NDArray[np.float32]
     log_probabilities: NDArray[np.float32]
     labels: NDArray[np.int64]
+    averaged_inputs: NDArray[np.float32]
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]], prefix: str) -> "Encoded":
+        """Return a split of `packed`, whose names begin with a prefix, as ``"test/"``."""
+        names = ("features", "logs", "labels", "averaged")
+        return cls(*(arrays[prefix + name] for name in names))
 
 
 @dataclass(frozen=True)
@@ -147,20 +157,18 @@ def _train(
 
 
 def packed(network: Network, samples: dict[str, Labelled]) -> Arrays:
-    """Return features, log probabilities and labels of every split as arrays with names."""
+    """Return what `Encoded` has of every split, as arrays with names."""
     arrays: Arrays = {}
     for split, part in samples.items():
         features, logs = answers(network, part.inputs)
         arrays |= {f"{split}/features": features.numpy(), f"{split}/logs": logs.numpy()}
         arrays[f"{split}/labels"] = part.labels.numpy()
+        arrays[f"{split}/averaged"] = adaptive_avg_pool2d(part.inputs, AVERAGED).flatten(1).numpy()
     return arrays
 
 
 def _unpacked(arrays: Arrays) -> Encoder:
-    splits = {
-        split: Encoded(*(arrays[f"{split}/{name}"] for name in ("features", "logs", "labels")))
-        for split in SPLITS
-    }
+    splits = {split: Encoded.of_arrays(arrays, f"{split}/") for split in SPLITS}
     return Encoder(splits, float(arrays["nearest"]))
 
 

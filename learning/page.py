@@ -14,11 +14,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from PIL import Image
 from scipy.io import wavfile
 
+from learning.common_space import both_ways, fit_common_space
 from learning.encoders import encoded, label_draws
 from learning.grasping.clips import FOLDER, clips_in
 from learning.recognition import COMBINATIONS, LETTERS, name_of
 from learning.reconstruction import trials
-from learning.retrieval import both_ways, fit_common_space
 from learning.runs import Objects
 from learning.samples import DURATION_S, SAMPLE_RATE_HZ, SENSES
 from learning.settings import Settings

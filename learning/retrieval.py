@@ -1,21 +1,23 @@
 """Given what one sense tells of an object, find the object by another sense.
 
-Two heads bring the features of two senses into a common space, by a triplet loss and by naming the object:
-its axes are the objects that are known. What they are compared with gets the same features: canonical
-correlations, partial least squares, and naming the object, then looking it up.
+Two heads bring the features of two senses into a common space (`common_space`), whose axes are the known
+objects. What they are compared with gets the same features: a space of free axes, canonical correlations,
+partial least squares, and naming the object, then looking it up. Canonical correlations are also taken of
+inputs that no network was trained on.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations, permutations
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
-from torch.nn.functional import nll_loss, normalize
+from torch.nn.functional import normalize
 
-from learning.encoders import Encoded, Encoder, encoded, train
+from learning.common_space import PAIRINGS, SPACES, Pair, both_ways, fit_common_space
+from learning.encoders import SPLITS, Encoded, Encoder, encoded, train
 from learning.folds import folds_of
 from learning.metrics import (
     average_precisions,
@@ -26,7 +28,6 @@ from learning.metrics import (
     one_positive_galleries,
     share_interval,
 )
-from learning.networks import batches
 from learning.recognition import LETTERS, aligned
 from learning.runs import Objects
 from learning.samples import SENSES
@@ -35,8 +36,6 @@ from learning.workers import Workers
 
 Floats = NDArray[np.float64]
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
-PAIRINGS = 4
-BATCH = 64
 GALLERIES = 20  # draws of one positive an object
 
 
@@ -93,125 +92,61 @@ def _inverse_root(covariance: Floats, ridge: float) -> Floats:
     return (vectors / np.sqrt(np.maximum(values, 0) + floor)) @ vectors.T
 
 
-class CommonSpace(nn.Module):
-    """Two heads that say how likely each known object is; places are the square roots of that.
-
-    They are unit vectors, and the cosine of two is the coefficient of Bhattacharyya (1943): a touch that fits
-    ten objects lies between them, where a linear space has it near one of them.
-    """
-
-    def __init__(self, inputs: Sequence[int], classes: int) -> None:
-        super().__init__()
-        self.scales = nn.ModuleList(nn.BatchNorm1d(size) for size in inputs)
-        self.heads = nn.ModuleList(nn.Linear(size, classes) for size in inputs)
-
-    def log_probabilities(self, side: int, features: torch.Tensor) -> torch.Tensor:
-        """Return (n, classes)."""
-        return torch.log_softmax(self.heads[side](self.scales[side](features)), dim=1)
-
-    def forward(self, side: int, features: torch.Tensor) -> torch.Tensor:
-        """Return unit vectors (n, classes)."""
-        return (self.log_probabilities(side, features) / 2).exp()
-
-
-def _triplets(
-    anchors: torch.Tensor, candidates: torch.Tensor, labels: torch.Tensor, margin: float
-) -> torch.Tensor:
-    """Return the mean triplet loss with the farthest positive and the nearest negative of a batch."""
-    similarity = anchors @ candidates.T
-    same = labels[:, None] == labels
-    positive = similarity.masked_fill(~same, 2).amin(dim=1)
-    negative = similarity.masked_fill(same, -2).amax(dim=1)
-    return torch.relu(negative - positive + margin).mean()
-
-
-def fit_common_space(
-    training: tuple[Encoded, Encoded],
-    validation: tuple[Encoded, Encoded],
-    classes: int,
-    parameters: Retrieval,
-    seed: int,
-) -> CommonSpace:
-    """Train the heads, and return the epoch with the best mAP of both directions in the validation split."""
-    torch.manual_seed(seed)
-    random = torch.Generator().manual_seed(seed)
-    sizes = [encoding.features.shape[1] for encoding in training]
-    features, labels = aligned(training, PAIRINGS, seed)
-    space = CommonSpace(sizes, classes)
-    optimiser = torch.optim.AdamW(space.parameters(), 5e-3, weight_decay=1e-2)
-    steps = parameters.epochs * -(-len(labels) // BATCH)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 5e-3, total_steps=steps)
-    best, best_score = space.state_dict(), -1.0
-    for _ in range(parameters.epochs):
-        space.train()
-        for rows in batches(len(labels), BATCH, random):
-            joined = features[rows].split(sizes, dim=1)
-            logs = [space.log_probabilities(side, part) for side, part in enumerate(joined)]
-            places = [(log / 2).exp() for log in logs]
-            targets = labels[rows]
-            parts = [_triplets(places[i], places[1 - i], targets, parameters.margin) for i in (0, 1)]
-            parts += [nll_loss(log, targets) for log in logs]
-            loss = torch.stack(parts).sum()
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-        score = np.mean(
-            [
-                mean_average_precision(similarity, queries.labels, gallery.labels, seed)
-                for similarity, queries, gallery in both_ways(space, validation)
-            ]
-        )
-        if score > best_score:
-            best_score = float(score)
-            best = {name: value.clone() for name, value in space.state_dict().items()}
-    space.load_state_dict(best)
-    return space
-
-
-@torch.no_grad()
-def both_ways(space: CommonSpace, pair: tuple[Encoded, Encoded]) -> list[tuple[Floats, Encoded, Encoded]]:
-    """Return similarity (queries, gallery), queries and gallery of both directions."""
-    space.eval()
-    places = [space(side, torch.from_numpy(encoding.features)) for side, encoding in enumerate(pair)]
-    similarity = (places[0] @ places[1].T).double().numpy()
-    return [(similarity, *pair), (similarity.T, pair[1], pair[0])]
-
-
-def _cosine(first: Floats, second: Floats) -> Floats:
-    a, b = (normalize(torch.from_numpy(features), dim=1) for features in (first, second))
-    return (a @ b.T).numpy()
-
-
 def similarities(
     pair: tuple[Encoder, Encoder], classes: int, parameters: Retrieval, seed: int
 ) -> dict[str, Floats]:
     """Return by method the similarity (first, second) of the test samples of two senses."""
-    training, validation, test = (
-        (pair[0].splits[split], pair[1].splits[split]) for split in ("training", "validation", "test")
-    )
-    space = fit_common_space(training, validation, classes, parameters, seed)
-    sizes = [encoding.features.shape[1] for encoding in training]
-    joined = aligned(training, PAIRINGS, seed)[0].split(sizes, dim=1)
-    first, second = (part.double().numpy() for part in joined)
-
-    def score(projection: Projection, over: tuple[Encoded, Encoded]) -> Floats:
-        return _cosine(
-            *(projection(side, encoding.features.astype(np.float64)) for side, encoding in enumerate(over))
-        )
-
-    def validated(projection: Projection) -> float:
-        similarity = score(projection, validation)
-        return mean_average_precision(similarity, validation[0].labels, validation[1].labels, seed)
-
-    choices = [canonical_correlations(first, second, parameters.dimensions, ridge) for ridge in RIDGES]
+    splits = [(pair[0].splits[split], pair[1].splits[split]) for split in SPLITS]
+    averaged = [(_averaged(first), _averaged(second)) for first, second in splits]
+    training, validation, test = splits
+    joined = _joined(training, seed)
+    spaces = {
+        method: fit_common_space(training, validation, classes, parameters, seed, kind)
+        for method, kind in SPACES.items()
+    }
     return {
-        "ours": both_ways(space, test)[0][0],
-        "CCA": score(max(choices, key=validated), test),
-        "PLS": score(partial_least_squares(first, second, parameters.dimensions), test),
+        **{method: both_ways(space, test)[0][0] for method, space in spaces.items()},
+        "CCA": _correlated(splits, parameters, seed),
+        "CCA of averaged inputs": _correlated(averaged, parameters, seed),
+        "PLS": _projected(partial_least_squares(*joined, parameters.dimensions), test),
         "classify, then look up": np.exp(test[0].log_probabilities.astype(np.float64))
         @ np.exp(test[1].log_probabilities.astype(np.float64)).T,
     }
+
+
+def _averaged(encoding: Encoded) -> Encoded:
+    """Return what is encoded with features that no training has seen."""
+    return replace(encoding, features=encoding.averaged_inputs)
+
+
+def _joined(training: Pair, seed: int) -> tuple[Floats, Floats]:
+    """Return features (n, ...) of two senses whose rows are of the same object."""
+    sizes = [encoding.features.shape[1] for encoding in training]
+    first, second = aligned(training, PAIRINGS, seed)[0].split(sizes, dim=1)
+    return first.double().numpy(), second.double().numpy()
+
+
+def _projected(projection: Projection, pair: Pair) -> Floats:
+    """Return the cosine (first, second) of what two senses are projected to."""
+    places = [projection(side, encoding.features.astype(np.float64)) for side, encoding in enumerate(pair)]
+    first, second = (normalize(torch.from_numpy(place), dim=1) for place in places)
+    return (first @ second.T).numpy()
+
+
+def _correlated(splits: Sequence[Pair], parameters: Retrieval, seed: int) -> Floats:
+    """Return the similarity (first, second) of the test by canonical correlations of the training.
+
+    The ridge is the one with the best mAP of the validation split.
+    """
+    training, validation, test = splits
+    joined = _joined(training, seed)
+    choices = [canonical_correlations(*joined, parameters.dimensions, ridge) for ridge in RIDGES]
+
+    def validated(projection: Projection) -> float:
+        similarity = _projected(projection, validation)
+        return mean_average_precision(similarity, validation[0].labels, validation[1].labels, seed)
+
+    return _projected(max(choices, key=validated), test)
 
 
 class Scores(NamedTuple):

@@ -70,6 +70,7 @@ class Retrieval(_Strict):
     dimensions: PositiveInt
     epochs: PositiveInt
     margin: PositiveFloat
+    temperature: PositiveFloat
 
 
 class Reconstruction(_Strict):

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from learning.common_space import both_ways, fit_common_space
 from learning.encoders import Arrays, Encoded, packed
 from learning.metrics import interval_over_objects, mean_average_precision, means_by_object, share_interval
 from learning.networks import Labelled, answers, fit_classifier
 from learning.recognition import LETTERS
-from learning.retrieval import both_ways, fit_common_space
 from learning.runs import Objects, kept
 from learning.samples import SENSES, stored
 from learning.settings import Settings
@@ -80,7 +80,7 @@ def _told_apart(sources: list[Labelled]) -> Labelled:
 
 
 def _encoded(arrays: Arrays, trained: str, tested: str, split: str) -> Encoded:
-    return Encoded(*(arrays[f"{trained}/{tested}/{split}/{name}"] for name in ("features", "logs", "labels")))
+    return Encoded.of_arrays(arrays, f"{trained}/{tested}/{split}/")
 
 
 def _retrieved(

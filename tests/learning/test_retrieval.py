@@ -7,6 +7,7 @@ import pytest
 import torch
 from scipy.special import log_softmax
 
+from learning.common_space import SPACES, contrasted
 from learning.encoders import Encoded, Encoder
 from learning.recognition import aligned, fused, inverse_temperature, of_several
 from learning.retrieval import (
@@ -18,7 +19,7 @@ from learning.retrieval import (
 from learning.settings import Retrieval
 from learning.stand_in import detected, lost_on_truth
 
-ASKED = Retrieval(dimensions=8, epochs=15, margin=0.2)
+ASKED = Retrieval(dimensions=8, epochs=15, margin=0.2, temperature=0.1)
 
 
 def correlated(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +54,8 @@ def made(objects: int, noise: float, seed: int, clusters: int = 0) -> Encoder:
         features = centres[labels] + noise * random.normal(size=(len(labels), 16))
         logs = -(np.linalg.norm(features[:, None] - centres, axis=2) ** 2)
         logs = log_softmax(logs, axis=1)
-        splits[split] = Encoded(features.astype(np.float32), logs.astype(np.float32), labels)
+        features, logs = features.astype(np.float32), logs.astype(np.float32)
+        splits[split] = Encoded(features, logs, labels, features[:, ::2])
     return Encoder(splits, 0.1)
 
 
@@ -61,12 +63,24 @@ def test_every_way_retrieves_what_is_plain_and_none_retrieves_noise():
     plain = similarities((made(6, 0.1, 1, 1), made(6, 0.1, 2, 2)), 6, ASKED, seed=0)
     noise = similarities((made(6, 60.0, 1, 1), made(6, 60.0, 2, 2)), 6, ASKED, seed=0)
     test = made(6, 0.1, 1).splits["test"]
-    for method in ("ours", "CCA", "PLS", "classify, then look up"):
+    assert {*SPACES, "CCA", "CCA of averaged inputs", "PLS", "classify, then look up"} == plain.keys()
+    for method in plain:
         right = scores(plain[method], test, test, 0)
         assert min(right.map.values()) > 0.9, method
         assert min(right.map_one_positive.values()) > 0.9, method
         guessed = scores(noise[method], test, test, 0)
         assert abs(np.mean(list(guessed.map.values())) - guessed.chance) < 0.08, method
+
+
+def test_the_contrastive_loss_is_the_surprise_at_positives():
+    labels = torch.tensor([0, 0, 1, 2])
+    places = torch.eye(3)[labels]
+    # Either of the first two anchors has two positives of four candidates, the others have one.
+    positive = np.exp(1 / 0.5)
+    expected = np.mean([np.log(2 + 2 / positive)] * 2 + [np.log(1 + 3 / positive)] * 2)
+    assert float(contrasted(places, places, labels, 0.5)) == pytest.approx(expected, rel=1e-6)
+    # Where nothing is known all candidates are as likely.
+    assert float(contrasted(0 * places, places, labels, 0.5)) == pytest.approx(np.log(4), rel=1e-6)
 
 
 def test_joined_features_are_of_one_object():
@@ -97,7 +111,7 @@ def test_a_sense_is_made_as_sure_as_it_is_right():
     right = log_softmax(random.normal(size=(4000, 6)), axis=1)
     labels = (np.cumsum(np.exp(right), axis=1) < random.random((4000, 1))).sum(axis=1)
     for times in (0.5, 1.0, 3.0):
-        said = Encoded(right, log_softmax(times * right, axis=1), labels)
+        said = Encoded(right, log_softmax(times * right, axis=1), labels, right)
         assert inverse_temperature(said) == pytest.approx(1 / times, rel=0.1)
 
 
@@ -132,7 +146,7 @@ def test_points_lost_are_those_of_the_same_queries():
     # Tests of 10 of each object that only the network trained on truth names rightly.
     for source, lost in (("truth", [0, 0, 0, 0]), ("object_file", [1, 2, 3, 6])):
         logs = np.where((np.arange(40) % 10 < np.repeat(lost, 10))[:, None], wrong, right)
-        parts = {"features": right, "logs": logs, "labels": labels}
+        parts = {"features": right, "logs": logs, "labels": labels, "averaged": right}
         arrays |= {f"{source}/truth/test/{name}": values for name, values in parts.items()}
     answer = lost_on_truth([arrays, arrays])
     assert answer["points"] == pytest.approx(30)
