@@ -111,6 +111,12 @@ class Regrasping(_Strict):
     episodes: PositiveInt
 
 
+class StandIn(_Strict):
+    """What the detector of the truth sees."""
+
+    detector_resolution: Sides
+
+
 class Settings(_Strict):
     """All parameters."""
 
@@ -121,6 +127,7 @@ class Settings(_Strict):
     touch_at_vertices: TouchAtVertices
     retrieval: Retrieval
     reconstruction: Reconstruction
+    stand_in: StandIn
     grasping: Grasping
     regrasping: Regrasping
 

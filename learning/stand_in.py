@@ -1,8 +1,9 @@
 """Is the Object File a faithful stand-in for the simulation?
 
-Both answer the same queries: those that the data set stores with its ground truth, training ones and held-out
-ones. Networks are trained on either and tested on either. And a detector is shown both and has to tell which
-is the truth.
+Both answer the same queries: those that the data set stores with its ground truth. Networks are trained on
+either and tested on either. And a detector, which sees more pixels, is shown both and has to tell which is
+the truth. Tests are queries that are held out. So are all strikes: an Object File's sound is fitted to its
+training points, where it is nearer to the truth than elsewhere.
 """
 
 from functools import partial
@@ -25,36 +26,45 @@ from learning.workers import Workers
 from objectfolder.dataset import ObjectFolderDataset
 
 SOURCES = ("truth", "object_file")
-SPLITS = {"training": "training", "validation": "training", "test": "held_out"}
+SPLITS = ("training", "validation", "test")
+FITTED = ("audio",)  # senses that an Object File fits to its training queries, where a material is known
 
 
 def drawn(objects: Objects, settings: Settings, sense: str, seed: int) -> dict[str, dict[str, Labelled]]:
     """Return samples by source and split; a row of one source is the same query as that of the other."""
-    data = settings.data
-    training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
     result: dict[str, dict[str, Labelled]] = {}
     for source in SOURCES:
-        parts: dict[str, list[torch.Tensor]] = {split: [] for split in SPLITS}
-        for object_id in objects.ids:
-            for stored_split in ("training", "held_out"):
-                queries = ObjectFolderDataset(objects.root, sense, stored_split, source, objects=[object_id])
-                count = data.test if stored_split == "held_out" else training + data.validation
-                inputs = stored(queries, count, seed, resolution)
-                if stored_split == "held_out":
-                    parts["test"].append(inputs)
-                else:
-                    # A data set may hold fewer views or touches than are asked for.
-                    learnt = len(inputs) * training // (training + data.validation)
-                    parts["training"].append(inputs[:learnt])
-                    parts["validation"].append(inputs[learnt:])
+        inputs_of_objects = [_inputs(objects, settings, sense, source, name, seed) for name in objects.ids]
         result[source] = {
             split: Labelled(
                 torch.cat(inputs),
                 torch.cat([torch.full((len(rows),), label) for label, rows in enumerate(inputs)]),
             )
-            for split, inputs in parts.items()
+            for split, inputs in zip(SPLITS, zip(*inputs_of_objects, strict=True), strict=True)
         }
     return result
+
+
+def _inputs(
+    objects: Objects, settings: Settings, sense: str, source: str, object_id: str, seed: int
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Return an object's inputs of each of `SPLITS`."""
+    data = settings.data
+    training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
+
+    def first(part: str, count: int) -> torch.Tensor:
+        dataset = ObjectFolderDataset(objects.root, sense, part, source, objects=[object_id])
+        return stored(dataset, count, seed, resolution)
+
+    count = training + data.validation
+    if sense in FITTED:
+        held_out = first("held_out", data.test + count)
+        test, others = held_out[: data.test], held_out[data.test :]
+    else:
+        test, others = first("held_out", data.test), first("training", count)
+    # A data set may hold fewer views or touches than are asked for.
+    learnt = len(others) * training // count
+    return others[:learnt], others[learnt:], test
 
 
 def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays:
@@ -67,10 +77,16 @@ def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Ar
         for tested in SOURCES:
             encodings = packed(network, samples[tested])
             arrays |= {f"{trained}/{tested}/{name}": values for name, values in encodings.items()}
+    samples = drawn(objects, _for_detector(settings), sense, seed)
     by_source = {split: _told_apart([samples[source][split] for source in SOURCES]) for split in SPLITS}
     detector = fit_classifier(by_source["training"], by_source["validation"], 2, settings.encoder, seed)
     arrays["detector"] = answers(detector, by_source["test"].inputs)[1][:, 0].numpy()
     return arrays
+
+
+def _for_detector(settings: Settings) -> Settings:
+    """Return the same settings with the detector's pixels: means of several hide what differs."""
+    return settings.with_resolution(**settings.stand_in.detector_resolution.model_dump())
 
 
 def _told_apart(sources: list[Labelled]) -> Labelled:
@@ -120,7 +136,7 @@ def _kept(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays
     key = {
         "unit": "stand-in", "sense": sense, "seed": seed, "files": objects.digests,
         "data": settings.data.model_dump(exclude={"root", "objects"}),
-        "encoder": settings.encoder.model_dump(),
+        "encoder": settings.encoder.model_dump(), "stand_in": settings.stand_in.model_dump(),
     }  # fmt: skip
     return kept(__name__, key, partial(_compared, objects, settings, sense, seed))
 

@@ -16,7 +16,7 @@ from learning.occupancy import Shapes
 from learning.reconstruction import Trial
 from learning.retrieval import similarities
 from learning.runs import Objects
-from learning.samples import SENSES
+from learning.samples import SENSES, stored
 from learning.settings import Retrieval
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
@@ -69,17 +69,40 @@ def test_no_sample_of_a_split_is_in_another(objects, tiny, sense):
                 assert not rows_of(one.inputs) & rows_of(other.inputs)
 
 
-def test_the_stand_in_is_tested_on_held_out_queries(small_file, tiny, tmp_path):
-    for kind, suffix in (("views", ".zarr.zip"), ("object_files", ".safetensors")):
-        (tmp_path / "data" / kind).mkdir(parents=True)
-        source = small_file if kind == "object_files" else small_file.with_name("views.zarr.zip")
+def _with_truth(small_file, tiny, root, kind):
+    """Settings of a data set of one bar by four names, with its truth of one kind."""
+    for folder, suffix in ((kind, ".zarr.zip"), ("object_files", ".safetensors")):
+        (root / "data" / folder).mkdir(parents=True)
+        source = small_file if folder == "object_files" else small_file.with_name(f"{kind}.zarr.zip")
         for name in "abcd":
-            (tmp_path / "data" / kind / f"{name}{suffix}").symlink_to(source)
-    settings = at_root(tiny, tmp_path)
+            (root / "data" / folder / f"{name}{suffix}").symlink_to(source)
+    return at_root(tiny, root)
+
+
+def test_the_stand_in_is_tested_on_held_out_queries(small_file, tiny, tmp_path):
+    settings = _with_truth(small_file, tiny, tmp_path, "views")
     for splits in stand_in.drawn(Objects(settings), settings, "vision", 0).values():
         learnt = rows_of(splits["training"].inputs) | rows_of(splits["validation"].inputs)
         assert learnt
         assert not rows_of(splits["test"].inputs) & learnt
+
+
+def test_the_stand_in_hears_no_strike_that_its_sound_was_fitted_to(small_file, tiny, tmp_path):
+    settings = _with_truth(small_file, tiny, tmp_path, "modes")
+    objects = Objects(settings)
+    samples = stand_in.drawn(objects, settings, "audio", 0)
+    data = settings.data
+    sizes = {"training": data.training.audio, "validation": data.validation, "test": data.test}
+    for splits in samples.values():
+        assert {split: len(part.labels) for split, part in splits.items()} == {
+            split: 4 * size for split, size in sizes.items()
+        }
+        for first, second in combinations(splits.values(), 2):
+            assert not rows_of(first.inputs) & rows_of(second.inputs)
+    fitted = ObjectFolderDataset(tmp_path, "audio", "training", "truth", objects=["a"])
+    everything = rows_of(stored(fitted, len(fitted), 0, data.resolution.audio))
+    for part in samples["truth"].values():
+        assert not rows_of(part.inputs) & everything
 
 
 def labelled(count, seed, classes=4):
