@@ -1,54 +1,45 @@
-"""Touches by array arithmetic: the oracle of `objectfolder.touch.rendering.simulator`."""
-
-from dataclasses import replace
+"""Images of touches by rays that are each looked up: the oracle of `objectfolder.touch.rendering`."""
 
 import numpy as np
-from reference_contact import corners_in, in_box, indentations, meets_housing, near_gel
-from reference_pose import contact_normal, first_touch_pose
-from reference_rasterise import rasterise
 
+from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.rendering.simulator import Near, TouchImage
+from objectfolder.touch.rendering.simulator import Near, Simulator, TouchImage
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, RayGrid, coverage_grid, to_bytes
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import shade
 
 
-class ReferenceSimulator:
-    """What `Simulator` answers, a touch at a time."""
+class ReferenceSimulator(Simulator):
+    """What `Simulator` answers, with images of its own."""
 
     def __init__(self, patches: FacePatches, sensor: Sensor, samples: int) -> None:
-        self._patches, self._sensor = patches, sensor
+        super().__init__(patches, sensor, samples)
         self._grid = coverage_grid(sensor, samples)
-
-    def stand(
-        self, points: np.ndarray, tilt: np.ndarray, azimuth: np.ndarray, roll: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        surface, sensor = self._patches.surface, self._sensor
-        closest = surface.closest_points(points)
-        shading_normals = surface.normals_at(closest.face, closest.barycentric)
-        normals, poses = np.empty((len(points), 3)), np.empty((len(points), 4, 4))
-        for i, (point, shading_normal) in enumerate(zip(closest.points, shading_normals, strict=True)):
-            normals[i] = contact_normal(self._patches, point, shading_normal, sensor.contact_radius_m)
-            poses[i] = first_touch_pose(sensor, point, normals[i], tilt[i], azimuth[i], roll[i])
-        return closest.points, normals, poses
-
-    def approach(self, pose: np.ndarray, least: float) -> Near:
-        faces, triangles = near_gel(self._patches, self._sensor, pose, least)
-        reach = indentations(triangles, self._sensor)
-        return Near(faces, triangles, reach, float(reach.max(initial=0.0)))
-
-    def meets_housing(self, pose: np.ndarray) -> bool:
-        low, high = np.array(self._sensor.housing_low_m), np.asarray(self._sensor.housing_high_m)
-        low[0] -= np.linalg.norm(np.ptp(self._patches.surface.vertices, axis=0))  # its way there
-        swept = replace(self._sensor, housing_low_m=tuple(low))
-        return meets_housing(corners_in(self._patches, pose, in_box(self._patches, pose, low, high)), swept)
 
     def see(self, pose: np.ndarray, near: Near) -> TouchImage:
         pressed = near.bounds > 0
         faces, triangles = near.faces[pressed], near.triangles[pressed]
         return contact_image(self._patches, self._sensor, self._grid, pose, faces, triangles)
+
+
+def first_faces(
+    triangles: np.ndarray, grid: RayGrid
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rays that meet a face before the gel: their numbers, and face, weights (k, 3) and depth (k,) of each.
+
+    Corners of `triangles` (m, 3, 3) are from the camera, in the sensor's axes, metres.
+    """
+    if len(triangles) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)
+    u = (grid.u + grid.shift[:, None]).ravel()
+    rays = np.stack([np.ones_like(u), u, np.repeat(grid.v, len(grid.u))], axis=1)
+    met = Surface(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+    hits = met.ray_hits(grid.near * rays, rays)
+    depth = grid.near + hits.distance
+    sample = np.flatnonzero((hits.face >= 0) & (depth < grid.gel_depth))
+    return sample, hits.face[sample], hits.barycentric[sample], depth[sample]
 
 
 def contact_image(
@@ -66,11 +57,10 @@ def contact_image(
     """
     camera = np.asarray(sensor.camera_position_m)
     shape, count = (sensor.image_height, sensor.image_width), grid.samples**2
-    seen = rasterise(triangles - camera, grid)
-    row = seen.sample // len(grid.u)
-    column = seen.sample - row * len(grid.u)
+    sample, met, weights, near = first_faces(triangles - camera, grid)
+    row, column = np.divmod(sample, len(grid.u))
     part, group, covered = np.unique(
-        (row // count * len(grid.u) + column) * len(faces) + seen.face,
+        (row // count * len(grid.u) + column) * len(faces) + met,
         return_inverse=True,
         return_counts=True,
     )
@@ -81,8 +71,8 @@ def contact_image(
 
     u, v = middle(grid.u[column] + grid.shift[row]), middle(grid.v[row])
     # One over the depth is linear over a face, and so are barycentric coordinates over the depth.
-    depth = 1 / middle(1 / seen.depth)
-    barycentric = np.stack([middle(weight / seen.depth) for weight in seen.barycentric]) * depth
+    depth = 1 / middle(1 / near)
+    barycentric = np.stack([middle(weight / near) for weight in weights.T]) * depth
     positions = camera[:, None] + depth * np.stack([np.ones_like(u), u, v])
     normals = np.einsum("ki,ikj->ji", barycentric, patches.corner_normals[faces[face]])
     flat = pose[:3, :3].T @ patches.face_normals[faces[face]].T

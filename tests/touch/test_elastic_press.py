@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from layer_reference import LayerContact
-from reference_height_field import gap_field
 from reference_membrane import trace_membrane
 from reference_simulator import ReferenceSimulator
 from touch_shapes import box, bumpy, mug, psnr_db, sphere
@@ -161,14 +160,6 @@ def test_presses_of_any_number_leave_bounded_memory() -> None:
     assert grown < 30e6
 
 
-def test_the_rigid_press_hands_elastic_touches_over() -> None:
-    one = press(BALL, SENSOR, BALL_POINT, Press(force_n=1.0, contact="elastic"))
-    other = press(BALL, SENSOR, BALL_POINT, Press(force_n=1.0, contact="elastic"))
-    for name, values in vars(one).items():
-        assert np.array_equal(values, getattr(other, name)), name
-    assert one.force_n[0] == pytest.approx(1.0)
-
-
 def test_force_grows_with_depth_and_a_stiffer_gel_yields_less() -> None:
     depths = np.linspace(0, 0.0015, 6)
     point = np.repeat(BALL_POINT, 6, axis=0)
@@ -243,7 +234,6 @@ def test_the_oracle_agrees(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     one = press(BUMPY, sensor, points, asked)
     grid = ray_grid(sensor, 1)
     monkeypatch.setattr("objectfolder.touch.truth.press.Simulator", ReferenceSimulator)
-    monkeypatch.setattr("objectfolder.touch.truth.elastic_press.gap_field", gap_field)
     monkeypatch.setattr(membrane, "_trace", lambda fields, *_: trace_membrane(fields, sensor, grid))
     other = press(BUMPY, sensor, points, asked)
     assert one.force_n == pytest.approx(other.force_n, rel=1e-6)
@@ -374,9 +364,3 @@ def test_impossible_queries_are_refused_by_name(subtests: pytest.Subtests) -> No
     ]:
         with subtests.test(query=query), pytest.raises(QueryError, match=message):
             press(BALL, SENSOR, BALL_POINT, Press(**query, contact="elastic"))
-
-
-@pytest.mark.parametrize("points", [np.zeros((1, 1, 3)), np.zeros((2, 2)), np.full((1, 3), np.nan)])
-def test_points_of_the_wrong_shape_are_refused(points: np.ndarray) -> None:
-    with pytest.raises(QueryError, match="points"):
-        press(BALL, SENSOR, points, Press(depth_m=0.001, contact="elastic"))

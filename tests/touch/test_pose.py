@@ -136,6 +136,22 @@ def test_the_other_side_of_a_thin_blade_does_not_count() -> None:
     assert np.allclose(mean_normal(blade, [0.02, 0.01, 0.0]), [0, 0, -1], atol=1e-12)
 
 
+def test_a_face_counts_less_the_more_it_turns_towards_the_other_side() -> None:
+    """Of a ridge whose faces are 120 degrees apart, by many points of the ball."""
+    lean = np.radians(60)
+    corners = [[0, -0.01, 0], [0, 0.01, 0]]
+    corners += [[side * 0.006, y, -0.006 * np.tan(lean)] for side in (1, -1) for y in (-0.01, 0.01)]
+    ridge = Surface(np.array(corners), np.array([[0, 2, 3], [0, 3, 1], [0, 1, 5], [0, 5, 4]]))
+    point, normal = np.array([0.001 * np.cos(lean), 0.0, -0.001 * np.sin(lean)]), ridge.face_normals[0]
+    points = ridge.sample(400_000, 0)
+    near = np.linalg.norm(points.points - point, axis=1) < Sensor().contact_radius_m
+    normals = ridge.face_normals[points.face[near]]
+    share = np.clip(1 + normals @ normal / np.cos(np.pi / 4), 0, 1)
+    expected = (share**2 * (3 - 2 * share)) @ normals
+    found = mean_normal(ridge, point.tolist())
+    assert np.allclose(found, expected / np.linalg.norm(expected), atol=5e-3)
+
+
 def test_the_mean_normal_moves_smoothly_with_the_point() -> None:
     surface = Surface(*box((0, 0, 0), (0.05, 0.05, 0.001)))
     path = [[0.05 - s, 0.025, 0.001] for s in np.linspace(0.004, 0.0001, 40)]
