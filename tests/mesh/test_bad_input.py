@@ -218,20 +218,6 @@ def test_duplicate_ids(good, second):
     assert re.search(r"line 3, field id: .* is also used in line 2", str(catalogue.errors[second]))
 
 
-@pytest.mark.parametrize("suffix", ["obj", "glb", "gltf", "ply", "stl"])
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"<html>404: not found</html>\n", bytes(range(256)) * 20, b"glTF\2\0\0\0\x0c\0\0\0"],
-    ids=["empty", "page", "bytes", "header of a GLB"],
-)
-def test_mesh_file_that_is_not_one(tmp_path, suffix, content):
-    path = tmp_path / f"model.{suffix}"
-    path.write_bytes(content)
-    problem = refused(path)
-    assert f"model.{suffix}" in problem.where
-    assert "cannot be read" in problem.finding or "no faces" in problem.finding
-
-
 def test_mesh_of_an_unknown_format(tmp_path):
     path = tmp_path / "model.3ds"
     path.write_bytes(b"MM")

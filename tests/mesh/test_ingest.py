@@ -12,7 +12,7 @@ from objectfolder.audio.materials import read_materials
 from objectfolder.errors import InputError
 from objectfolder.mesh.body import solid_properties
 from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of, with_length
+from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import (
     CERTAIN,
@@ -142,12 +142,6 @@ def test_digests_tell_a_new_shape_from_a_new_texture(tmp_path):
     assert digests["larger"]["texture"] == digests["base"]["texture"]
 
 
-def test_length_is_the_longest_side():
-    mesh, warnings = with_length(cube(2.0), 0.5, "cube")
-    np.testing.assert_allclose(mesh.extents, 0.5)
-    assert warnings == []
-
-
 @pytest.mark.parametrize("object_id", ["025_mug", "Threshold_Porcelain_Teapot_White", "painted_wooden_stool"])
 def test_real_scans(shared_objects: Path, object_id: str):
     product = ingest_object(shared_objects / object_id / "model.obj", object_id=object_id)
@@ -231,13 +225,6 @@ def test_walls_of_real_scans_that_cannot_be_are_found(ingested, classes):
     known = flagged(ingested, classes, SURE, by_material=True, by_mass=True)
     assert (len(known["container"]), known["hollow"]) == (5, {"011_banana", "013_apple"})
     assert known["right"] == set()
-
-
-def test_shape_alone_is_ingested_where_textures_are_missing(tmp_path):
-    path = write_textured_cube(tmp_path)
-    (tmp_path / "texture.png").unlink()
-    product = ingest_object(path, object_id="cube", with_textures=False)
-    assert product["texture_0"].shape == (1, 1, 4)
 
 
 def test_a_mesh_that_no_object_file_holds_is_refused(tmp_path):

@@ -15,7 +15,6 @@ from small_meshes import (
     cube,
     png,
     write_gltf,
-    write_textured_cube,
 )
 
 from objectfolder.errors import InputError
@@ -36,28 +35,10 @@ def colours_at_corners(mesh, face: int) -> np.ndarray:
     return texture[row, column, :3]
 
 
-def test_obj_keeps_vertices_and_gives_each_corner_its_own_texture_coordinates(tmp_path):
-    mesh = load_mesh(write_textured_cube(tmp_path))
-    assert mesh.vertices.shape == (8, 3)
-    np.testing.assert_array_equal(mesh.faces, CUBE_FACES)
-    np.testing.assert_array_equal(mesh.texture_coordinates[5], [[0, 0], [1, 0], [1, 1]])
-    np.testing.assert_array_equal(mesh.textures[0][..., :3], checker())
-    # v points up: v = 0 is the bottom row of the image.
-    np.testing.assert_array_equal(colours_at_corners(mesh, 0), checker()[[7, 7, 0], [0, 7, 7]])
-
-
 def test_obj_negative_indices_count_back_from_the_line_they_stand_on(tmp_path):
     path = tmp_path / "model.obj"
     path.write_text(QUAD + "f -4 -3 -2\nv 5 5 5\nf -1 1 2\n")
     np.testing.assert_array_equal(load_mesh(path).faces, [[0, 1, 2], [4, 0, 1]])
-
-
-def test_obj_normals_without_texture_coordinates(tmp_path):
-    path = tmp_path / "model.obj"
-    path.write_text(QUAD + "vn 0 0 1\nf 1//1 2//1 3//1 4//1\n")
-    mesh = load_mesh(path)
-    assert mesh.textures[0].shape == (1, 1, 4)
-    assert not mesh.texture_coordinates.any()
 
 
 def test_custom_and_split_normals_of_an_obj_are_those_of_its_corners(tmp_path):
@@ -116,41 +97,6 @@ def test_normals_of_gltf_stay_normal_in_stretched_and_mirrored_nodes(tmp_path, s
     assert (mesh.normals[0] @ facet > 0).all()
 
 
-def test_obj_with_several_materials_colours_and_textures(tmp_path):
-    (tmp_path / "skin.png").write_bytes(png(checker()))
-    (tmp_path / "parts.mtl").write_text(
-        "newmtl red\nKd 1 0 0\nnewmtl skin\nmap_Kd skin.png\nnewmtl again\nmap_Kd skin.png\n"
-    )
-    path = tmp_path / "model.obj"
-    faces = "usemtl red\nf 1 2 3\nusemtl skin\nf 1/1 3/2 4/3\nusemtl again\nf 1/1 4/2 2/3\n"
-    path.write_text("mtllib parts.mtl\n" + QUAD + "vt 0 0\nvt 1 0\nvt 1 1\n" + faces)
-    mesh = load_mesh(path)
-    np.testing.assert_array_equal(mesh.face_texture, [0, 1, 1])
-    np.testing.assert_array_equal(mesh.textures[0], [[[255, 0, 0, 255]]])
-    assert len(mesh.textures) == 2
-
-
-def test_named_texture_replaces_what_the_mesh_names(tmp_path):
-    path = write_textured_cube(tmp_path)
-    (tmp_path / "model.mtl").unlink()
-    (tmp_path / "other.png").write_bytes(png(checker(4)))
-    assert load_mesh(path, tmp_path / "other.png").textures[0].shape == (4, 4, 4)
-
-
-def test_shape_alone_needs_no_textures(tmp_path):
-    path = write_textured_cube(tmp_path)
-    (tmp_path / "texture.png").unlink()
-    assert len(load_mesh(path, with_textures=False).faces) == 12
-
-
-def test_obj_vertex_colours_become_a_texture(tmp_path):
-    path = tmp_path / "model.obj"
-    path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 3\n")
-    np.testing.assert_array_equal(
-        colours_at_corners(load_mesh(path), 0), [[255, 0, 0], [0, 255, 0], [0, 0, 255]]
-    )
-
-
 def test_ply_with_vertex_colours(tmp_path):
     colours = np.random.default_rng(0).integers(0, 256, (8, 4), dtype=np.uint8)
     trimesh.Trimesh(CUBE_VERTICES, CUBE_FACES, vertex_colors=colours, process=False).export(
@@ -179,21 +125,6 @@ def test_ply_with_texture_coordinates_and_a_texture_file(tmp_path):
         load_mesh(path)
 
 
-def test_gltf_applies_node_transforms_and_points_v_up(tmp_path):
-    path = write_gltf(tmp_path / "model.gltf", node={"translation": [0, 0, 5], "scale": [2, 2, 2]})
-    mesh = load_mesh(path)
-    np.testing.assert_allclose(mesh.vertices[mesh.faces[0]], [[0, -5, 0], [2, -5, 0], [2, -5, 2]])
-    np.testing.assert_allclose(mesh.texture_coordinates[0], [[0, 0], [1, 0], [1, 1]])
-    np.testing.assert_array_equal(colours_at_corners(mesh, 0), checker()[[7, 7, 0], [0, 7, 7]])
-    assert set(source_files(path)) == {path, tmp_path / "model.bin", tmp_path / "texture.png"}
-
-
-def test_gltf_mirrored_node_keeps_its_outside(tmp_path):
-    path = write_gltf(tmp_path / "model.gltf", node={"scale": [-1, 1, 1]})
-    normal = load_mesh(path).surface.face_normals[0]
-    np.testing.assert_allclose(normal, [0, -1, 0])
-
-
 def test_gltf_base_colour_factor_is_linear_and_multiplies(tmp_path):
     path = write_gltf(tmp_path / "model.gltf", node={}, material={"baseColorFactor": [0.5, 1, 1, 1]})
     texture = load_mesh(path).textures[0]
@@ -206,12 +137,6 @@ def test_gltf_base_colour_factor_is_linear_and_multiplies(tmp_path):
 
 def linear(level: int) -> float:
     return float(((level / 255 + 0.055) / 1.055) ** 2.4)
-
-
-def test_gltf_with_a_missing_texture_is_refused(tmp_path):
-    path = write_gltf(tmp_path / "model.gltf", node={}, with_file=False)
-    with pytest.raises(InputError, match=r"base colour texture 'texture\.png'.* is missing"):
-        load_mesh(path)
 
 
 def save_texture(path: Path, values: np.ndarray, mode: str | None = None) -> Path:
@@ -242,10 +167,3 @@ def test_textures_of_every_kind_become_rgba(tmp_path):
         if expected is not None:
             np.testing.assert_array_equal(texture[..., :3], expected, err_msg=name)
     assert read_texture(tmp_path / "rgba.png")[0, 0, 3] == 77
-
-
-def test_source_files_of_an_obj(tmp_path):
-    path = write_textured_cube(tmp_path)
-    assert source_files(path) == (path, tmp_path / "model.mtl", tmp_path / "texture.png")
-    other = tmp_path / "other.png"
-    assert source_files(path, other) == (path, other)

@@ -9,7 +9,7 @@ from small_meshes import checker, png, write_gltf, write_textured_cube
 from objectfolder.errors import InputError
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import mesh_arrays, textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.mesh.readers.load import load_mesh, source_files
 from objectfolder.mesh.readers.textures import opaque, scaled_map, with_alpha
 from objectfolder.products.store import read_product, write_product
 from objectfolder.surface.texture_lookup import bilinear
@@ -185,6 +185,7 @@ def test_a_named_texture_replaces_maps_and_is_opaque(tmp_path):
     mesh = load_mesh(path, tmp_path / "other.png")
     np.testing.assert_array_equal(mesh.textures[0], opaque(SHEER[::-1]))
     assert (mesh.alpha_cutoffs, mesh.roughness_maps, mesh.metallic_maps) == ({}, {}, {})
+    assert source_files(path, tmp_path / "other.png") == (path, tmp_path / "other.png")
 
 
 def test_equal_colours_with_other_maps_stay_apart(tmp_path):
@@ -195,6 +196,9 @@ def test_equal_colours_with_other_maps_stay_apart(tmp_path):
     assert len(mesh.textures) == 2
     assert {index: int(image[0, 0]) for index, image in mesh.roughness_maps.items()} == {0: 26, 1: 230}
     assert np.bincount(mesh.face_texture).tolist() == [6, 6]
+    library = path.with_name("model.mtl")
+    library.write_text(library.read_text().replace("Pr 0.9", "Pr 0.1"))
+    assert len(load_mesh(path).textures) == 1
 
 
 def test_maps_survive_the_product_and_change_its_digest(tmp_path):
