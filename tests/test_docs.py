@@ -110,7 +110,7 @@ def test_names_that_pages_import_exist():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["guide.md", "ask.md"])
+@pytest.mark.parametrize("name", ["README.md", "guide.md", "ask.md"])
 def test_python_of_a_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}

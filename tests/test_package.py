@@ -26,8 +26,7 @@ UV = (sys.executable, "-m", "uv")
 FILES = ("pyproject.toml", "params.yaml", "README.md", "LICENSE")  # of the root that a wheel is made of
 EXAMPLES = ("bell", "bowl", "mug", "plate")
 LARGEST_BYTES = 1_700_000
-# The latest repeats what the factory's own shows, with other releases of the core's packages.
-VERSIONS = ("3.11", pytest.param("3.13", marks=pytest.mark.release("objectfolder", "pipeline.cli")))
+VERSIONS = ("3.11", "3.13")  # the factory's own, and the latest, with other releases of the core's packages
 LARGEST_CORE_BYTES = 450e6  # as packages bring it, without bytecode
 # The first lines of the README in Python, then commands with their arguments: all in one process, which
 # compiles a kernel once.
@@ -133,7 +132,7 @@ def _share_kernels(site: Path) -> None:
         os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
 
 
-@pytest.mark.slow
+@pytest.mark.release("objectfolder", "pipeline.cli")
 def test_the_readmes_first_lines_and_every_help_work_from_the_core(bare: Path, tmp_path: Path) -> None:
     """A command that needs more says so in a line; the core is without torch, and not large."""
     (site,) = (bare / "lib").glob("python*/site-packages")

@@ -114,24 +114,17 @@ def test_row_of_a_material(workshop):
     workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
     workshop.edit("data/materials.csv", ",60,2e-6,0.7,0,", ",61,2e-6,0.6,0,")
     workshop.edit("data/materials.csv", "isotropic; roughness: ours", "isotropic; roughness: guessed")
+    workshop.edit("data/materials.csv", ',0.005,0,"chip board', ',0.006,0,"chipboard')
     found = audit_of_change(workshop)
     assert states(found) == {"cup": State.UNCHANGED, "dish": State.CHANGED, "spoon": State.CHANGED}
-    sound = {(ROW, "wood.density_kg_m3"), (ROW, "wood.rayleigh_alpha_per_s")}
+    sound = {(ROW, f"wood.{name}") for name in ("density_kg_m3", "rayleigh_alpha_per_s", "loss_factor")}
     for object_id in ("dish", "spoon"):
         stages = reasons_by_stage(found, object_id)
         assert stages["views"] == {(ROW, "wood.roughness")}
         assert stages["modes"] == sound
-        assert stages["fidelity"] >= sound | {(ROW, "wood.citation")}
+        assert stages["fidelity"] >= sound | {(ROW, "wood.citation"), (ROW, "wood.loss_citation")}
         assert "material row wood.density_kg_m3 750.0 -> 760.0" in sentences(found, object_id)
     assert len(groups(found)) == 1
-
-
-def test_loss_factor_of_a_material_and_its_citation(workshop):
-    workshop.edit("data/materials.csv", ',0.005,0,"chip board', ',0.006,0,"chipboard')
-    found = audit_of_change(workshop)
-    stages = reasons_by_stage(found, "dish")
-    assert stages["modes"] == {(ROW, "wood.loss_factor")}
-    assert (ROW, "wood.loss_citation") in stages["fidelity"]
 
 
 PARAMETERS = [

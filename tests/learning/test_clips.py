@@ -27,7 +27,7 @@ def read(path):
         return images.astype(int), np.concatenate([frame.to_ndarray()[0] for frame in file.decode(audio=0)])
 
 
-@pytest.mark.slow
+@pytest.mark.release("learning.grasping", "objectfolder.live")
 def test_a_mug_is_seen_to_rise_heard_to_be_touched_and_felt(held, tmp_path, monkeypatch):
     monkeypatch.setattr(clips, "AFTER_S", 0.1)
     world, grasp = held[0]["mug"], Grasp(0.3, 0.0, 0.0, held[1]["mug"])
