@@ -49,7 +49,7 @@ class ProductKind:
 
     def path(self, root: Path, object_id: str) -> Path:
         """Return the path of the product of an object."""
-        return _path(root, self.folder, f"{object_id}{self.suffix}")
+        return _path(_folder(root, self.folder), f"{object_id}{self.suffix}")
 
     def object_ids(self, root: Path) -> list[str]:
         """Return the ids that have a file, whole or not."""
@@ -68,9 +68,14 @@ class ProductKind:
             path.unlink(missing_ok=True)
 
 
+@functools.lru_cache(maxsize=64)
+def _folder(root: Path, folder: str) -> Path:
+    return root / folder
+
+
 @functools.lru_cache(maxsize=64)  # stages name the products of an object again and again
-def _path(root: Path, folder: str, name: str) -> Path:
-    return root / f"{folder}/{name}"
+def _path(folder: Path, name: str) -> Path:
+    return folder / name
 
 
 def write(path: Path, content: object, fingerprint: str, provenance: dict[str, Any]) -> None:

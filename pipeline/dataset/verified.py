@@ -56,9 +56,18 @@ class _Kept:
 
 
 class Verified:
-    """A cache beside the data set at `root`; losing it costs time only."""
+    """A cache beside the data set at `root`; losing it costs time only.
 
-    def __init__(self, root: Path) -> None:
+    Parameters
+    ----------
+    root
+        Of the data set.
+    momentary
+        Whether each product is looked at once: for what is said of a moment, in which nothing is made.
+    """
+
+    def __init__(self, root: Path, *, momentary: bool = False) -> None:
+        self._looks: dict[str, _Product] | None = {} if momentary else None
         self._prefix = f"{root}{os.sep}"
         self._path, self._code_path = root / ".objectfolder" / "verified.json", _code_path(root)
         self._kept, self._code = _read(self._path, _Kept), known_sources(root)
@@ -200,6 +209,8 @@ class Verified:
     def _product(self, path: Path | str) -> _Product:
         """Return the cache's entry of a product; a new one if its file has changed."""
         key = self._key(path)
+        if self._looks and key in self._looks:
+            return self._looks[key]
         try:
             status = os.stat(path)
         except OSError as error:
@@ -212,6 +223,8 @@ class Verified:
         entry = self._kept.products.get(key)
         if entry is None or entry.state != state:
             entry = self._kept.products[key] = _Product(state)
+        if self._looks is not None:
+            self._looks[key] = entry
         return entry
 
     def _key(self, path: Path | str) -> str:

@@ -89,7 +89,7 @@ def status(
         records = records.selected(read_selection(root))
         rows = records.rows
         refused = {failure.object_id: failure.error for failure in records.refused}
-    verified = Verified(root)
+    verified = Verified(root, momentary=True)
     failures = {(failure.object, failure.stage): failure for failure in read_failures(root)}
     found = [Status(object_id, stages[0].name, FAILED, (error,)) for object_id, error in refused.items()]
     for object_id, row in rows.items():
