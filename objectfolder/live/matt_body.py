@@ -50,7 +50,7 @@ class MattBody:
         falls = np.maximum((away * normals).sum(axis=-1), 0.0) / squared**1.5
         arriving = LIGHT_POWER_W / (4 * np.pi) * (falls.T @ light.colours)
         if light.around is not None:
-            arriving += _irradiance(light.around, normals)
+            arriving += _irradiance(light.around, normals @ light.turn.T)
         rgba[hit, :3] = arriving * self.albedo / np.pi
         rgba[hit, 3] = 1.0
         depth = (hits.distance * -(along @ view.camera[:3, 2])).reshape(*crop[2:], -1)[..., 0]

@@ -23,6 +23,9 @@ TABLE_ALBEDO = (0.42, 0.36, 0.3)
 # Rows and columns of points at which the table's share of an environment is known, at most; and in images
 # that move.
 SPARSE, SPARSE_MOVING = 48, 24
+# In place of a number of sub-rays: one ray a pixel, and in an environment a draft of its light.
+DRAFT = 0
+ONE_RAY = (DRAFT, 1)
 
 
 @dataclass(frozen=True)
@@ -74,17 +77,21 @@ class DrawnObject:
             some = light.lamps_m[which], light.colours[which]
             if isinstance(file, MattBody):
                 by = BodyLight(*some, None)
-                return file.seen(local, (top, left, height, width), by, smooth=sub_rays != 1)
-            if sub_rays == 1 and light.around is None:
+                return file.seen(local, (top, left, height, width), by, smooth=sub_rays not in ONE_RAY)
+            if sub_rays == DRAFT or (sub_rays == 1 and light.around is None):
                 return _cast(file, local, (top, left, height, width), *some)
             return _rendered(file, local, (top, left, height, width), sub_rays, *some)
 
         if crop is not None and isinstance(file, MattBody):
-            rgba[part], depth[part] = file.seen(local, crop, light, smooth=sub_rays != 1)
+            rgba[part], depth[part] = file.seen(local, crop, light, smooth=sub_rays not in ONE_RAY)
         elif crop is not None and len(light.lamps_m):
             rgba[part], depth[part] = draw(list(range(len(light.lamps_m))))
         if crop is not None and light.around is not None and not isinstance(file, MattBody):
-            even, depth[part] = _rendered(file, local, crop, sub_rays, around=light.around)
+            even, depth[part] = (
+                _drafted(file, local, crop, light.around, light.turn)
+                if sub_rays == DRAFT
+                else _rendered(file, local, crop, sub_rays, around=light.around)
+            )
             # Light adds up; what is covered is that of either image, to the bit.
             rgba[part] = np.concatenate([rgba[part][..., :3] + even[..., :3], even[..., 3:]], axis=-1)
         order = depth.copy()
@@ -203,6 +210,16 @@ def _cast(file: ObjectFile, view: View, crop: Crop, lamps: Floats, colours: Floa
     rgba = np.zeros((len(along), 4))
     rgba[hit] = file.radiance(starts[hit], along[hit], Lamps(lamps, colours))
     depth[rgba[:, 3] == 0] = np.inf  # in holes
+    return rgba.reshape(*crop[2:], 4), depth.reshape(crop[2:])
+
+
+def _drafted(
+    file: ObjectFile, view: View, crop: Crop, around: Environment, turn: Floats
+) -> tuple[Floats, Floats]:
+    """Return about what `_rendered` does of the centres of pixels; `turn` is from its frame to `around`."""
+    starts, along = view.rays_in(crop, CENTRE)
+    rgba, distance = file.sight.net.draft(file.frame.to_unit(starts), along, around, turn)
+    depth = distance * file.frame.scale * -(along @ view.camera[:3, 2])
     return rgba.reshape(*crop[2:], 4), depth.reshape(crop[2:])
 
 

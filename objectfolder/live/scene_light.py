@@ -40,6 +40,8 @@ class SceneLight:
         (3,) radiance of a matt white plane that faces +z, under the environment alone.
     towards, shares
         (m, 3) directions from which it comes, in the world, and (m, 3) what comes from each.
+    around
+        The environment in the world; None: there is none.
     """
 
     lamps_m: Floats
@@ -48,6 +50,7 @@ class SceneLight:
     above: Floats = field(default_factory=lambda: np.zeros(3))
     towards: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     shares: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    around: Environment | None = None
 
     @classmethod
     def of(cls, lights: Any = None) -> "SceneLight":
@@ -77,14 +80,18 @@ class SceneLight:
         up = sky.directions[:, 2] > 0
         shares = sky.powers[up] * sky.directions[up, 2:]
         shares *= above / np.maximum(shares.sum(axis=0), 1e-300)
-        return cls(lamps, colours, radiance, above, sky.directions[up], shares)
+        return cls(lamps, colours, radiance, above, sky.directions[up], shares, sky)
 
-    def seen_by(self, pose: Floats, unit_m: float, around: Environment | None) -> "BodyLight":
+    def seen_by(
+        self, pose: Floats, unit_m: float, around: Environment | None, turn: Floats | None = None
+    ) -> "BodyLight":
         """Return the light in a body's frame, whose lamps are as strong at `unit_m` as these at a metre.
 
-        What comes from all round is `around`, as `turned` returned it for that pose or one near it.
+        What comes from all round is `around`, as `turned` returned it for that pose or one near it; or, with
+        the `turn` (3, 3) from the body's frame to that, the environment of another frame.
         """
-        return BodyLight(moved_by(inverse_pose(pose), self.lamps_m), self.colours / unit_m**2, around)
+        lamps = moved_by(inverse_pose(pose), self.lamps_m), self.colours / unit_m**2
+        return BodyLight(*lamps, around, np.eye(3) if turn is None else turn)
 
     def turned(self, pose: Floats) -> Environment | None:
         """Return the environment in a body's frame; None where there is none."""
@@ -93,11 +100,12 @@ class SceneLight:
 
 @dataclass(frozen=True)
 class BodyLight:
-    """Lamps (k, 3) with their colours, and an environment, in the frame of a body."""
+    """Lamps (k, 3) with their colours in a body's frame, and an environment, to whose frame `turn` leads."""
 
     lamps_m: Floats
     colours: Floats
     around: Environment | None
+    turn: Floats = field(default_factory=lambda: np.eye(3))
 
 
 def _parts(lights: Any) -> tuple[Lamps, Environment | str | None]:

@@ -10,18 +10,19 @@ from objectfolder.forks import hold_forks
 from objectfolder.live.contacts import Posed, finite_pose
 from objectfolder.live.lamp_ways import LitPoints
 from objectfolder.live.matt_body import MattBody
-from objectfolder.live.scene_layers import DrawnObject, Layer, Tabletop, composited
+from objectfolder.live.scene_layers import DRAFT, ONE_RAY, DrawnObject, Layer, Tabletop, composited
 from objectfolder.live.scene_light import SceneLight, earlier_scene_lights
 from objectfolder.live.scene_view import View, inverse_pose, moved_by
 from objectfolder.live.surroundings import backdrop
 from objectfolder.object_file.object_file import ObjectFile
-from objectfolder.query_values import real, real_array, require_room
+from objectfolder.query_values import real, real_array, require_room, whole
 from objectfolder.renaming import renamed_keywords
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, image_size
 from objectfolder.vision.compositing import on_backdrop, on_white
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.lamps import Lamps
 from objectfolder.vision.studio import exposure
+from objectfolder.vision.visionnet.visionnet import MOST_SUB_RAYS
 
 Floats = NDArray[np.float64]
 Hidden = NDArray[np.bool_]
@@ -124,7 +125,7 @@ class LiveSight:
     @hold_forks
     def image(
         self, camera_to_world: Floats, resolution: int | tuple[int, int] = 256,
-        field_of_view_deg: float = FIELD_OF_VIEW_DEG, sub_rays: int | None = 4,
+        field_of_view_deg: float = FIELD_OF_VIEW_DEG, sub_rays: int | None = 4, *, draft: bool = False,
     ) -> SceneImage:  # fmt: skip
         """Draw the scene as it is now.
 
@@ -135,6 +136,10 @@ class LiveSight:
         resolution, field_of_view_deg, sub_rays
             As for `ObjectFile.render`; but 1 is a ray through the centre of each pixel and no more, for
             images that move: edges are jagged.
+        draft
+            One ray a pixel whatever `sub_rays`, and in an environment light that is nearly right, in a tenth
+            of the time: soft shadows of an object on itself come from some sites of it, and highlights do
+            not show the object.
 
         Raises
         ------
@@ -145,9 +150,11 @@ class LiveSight:
         layer_bytes = LAYER_BYTES * size[0] * size[1]
         remedy = "Ask for fewer pixels."
         require_room("resolution", layer_bytes * (len(self._drawable) + 2), remedy)
+        rays = None if sub_rays is None else whole("sub_rays", sub_rays, 1, MOST_SUB_RAYS)
+        rays = DRAFT if draft else rays
         poses = {name: finite_pose(self._simulation, name) for name in self._drawable}
-        view, table = self._seen_from(camera, size, float(field_of_view_deg), sub_rays == 1)
-        drawn = {name: self._drawn(name, pose, view, sub_rays) for name, pose in poses.items()}
+        view, table = self._seen_from(camera, size, float(field_of_view_deg), rays in ONE_RAY)
+        drawn = {name: self._drawn(name, pose, view, rays) for name, pose in poses.items()}
         layers = [self._shaded(name, drawn) for name in drawn]
         if table:
             hidden = self._hidden(table.lit, drawn), self._hidden_around(table, drawn)
@@ -192,18 +199,22 @@ class LiveSight:
 
         In images that move that is by a tenth of a pixel: engines leave bodies at rest in motion.
         """
+        file = self._drawable[name]
+        if sub_rays == DRAFT and isinstance(file, ObjectFile) and not file.sight.net.drafts:
+            sub_rays = 1
         centre, radius = moved_by(pose, self._balls[name][0]), self._balls[name][1]
         before = self._before.get((name, view.size))
         if before and before.view is view and before.sub_rays == sub_rays:
             moved_m = np.abs(pose[:3, 3] - before.pose[:3, 3]).max()
             moved_m += radius * np.abs(pose[:3, :3] - before.pose[:3, :3]).max()
-            if moved_m <= (STILL_PIXELS * view.pixel_m(centre) if sub_rays == 1 else 0.0):
+            if moved_m <= (STILL_PIXELS * view.pixel_m(centre) if sub_rays in ONE_RAY else 0.0):
                 return before
-        file = self._drawable[name]
         unit_m = 1.0 if isinstance(file, MattBody) else file.frame.scale
-        light = self._light.seen_by(pose, unit_m, self._environment_of(name, pose, sub_rays == 1))
+        crop, around, turn = view.crop(centre, radius), self._light.around, pose[:3, :3]
+        if crop is not None and sub_rays != DRAFT:
+            around, turn = self._environment_of(name, pose, sub_rays == 1), np.eye(3)
+        light = self._light.seen_by(pose, unit_m, around, turn)
         shaded = self._light.lamps_m if self._shadows else self._light.lamps_m[:0]
-        crop = view.crop(centre, radius)
         drawn = DrawnObject.of(file, pose, view, sub_rays, crop, light, shaded)
         self._before[name, view.size] = drawn
         return drawn

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
-from scipy.stats import qmc
 
 from objectfolder.child_process import OUT_OF_TIME, last_words, run_module
 from objectfolder.errors import InputError, UnsolvableError
@@ -144,6 +143,8 @@ def measure_parts(surface: Surface, hulls: tuple[Surface, ...]) -> ConvexParts:
 
 def _in_box(low: Floats, high: Floats) -> Floats:
     """Return points (n, 3) spread evenly in a box."""
+    from scipy.stats import qmc  # slow to import, and scenes of stored parts measure none
+
     return low + qmc.Sobol(3, seed=0).random(MEASURING_POINTS) * (high - low)
 
 

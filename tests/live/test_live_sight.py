@@ -265,6 +265,27 @@ def test_an_environment_stays_in_the_world_where_an_object_turns(files):
     assert abs(seen.rgb.astype(float) - fixed.rgb)[seen.body == 0].mean() > 1
 
 
+def test_a_draft_is_nearly_the_image(files):
+    """Where both rays of a pixel's centre meet the object: highlights and soft shadows are approximate."""
+    poses = {
+        "cup": placed(files["cup"], 0.0, 0.0, 1.0),
+        "bell": placed(files["bell"], -0.02, 0.15, 2.0),
+    }
+    sight = LiveSight(Still(poses), files, lights="window", exposure_factor=0.6)
+    exact, draft = (sight.image(CAMERA, SIZE, **how) for how in ({"sub_rays": 1}, {"draft": True}))
+    np.testing.assert_allclose(draft.depth_m, exact.depth_m, atol=1e-6)
+    inside = (draft.body >= 0) & (exact.body == draft.body)
+    inside &= ~(np.abs(np.gradient(draft.body)).max(axis=0) > 0)
+    assert inside.sum() > 300
+    apart = draft.rgb[inside].astype(float) - exact.rgb[inside]
+    assert abs(apart).mean() < 12
+    assert abs(apart.mean()) < 8
+    table = (draft.body < 0) & np.isfinite(draft.depth_m)
+    assert (draft.rgb == exact.rgb)[table].mean() > 0.97, "but at the edges of objects"
+    with pytest.raises(QueryError, match="sub_rays"):
+        sight.image(CAMERA, SIZE, sub_rays=0)
+
+
 def test_lamps_and_environments_add_up_and_so_do_colours(files, still):
     lamps = np.array([[0.4, -0.6, 0.8], [-0.5, -0.3, 0.35]])
     settings = {"exposure_factor": 0.5}

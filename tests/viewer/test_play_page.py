@@ -264,6 +264,14 @@ def test_the_image_at_rest_is_the_files_own(world):
     assert world.seen(waiting)[0]["still"]
 
 
+def test_an_image_that_moves_is_a_draft_and_says_how_long_it_took(world):
+    asked = {"camera_to_world": camera_over(world._points).tolist(), "resolution": 48}
+    header, shown = world.seen({**asked, "draft": True})
+    expected = world._sight.image(camera_over(world._points), 48, draft=True)
+    assert shown[: 3 * 48**2] == expected.rgb.tobytes()
+    assert header["drawn_ms"] > 0
+
+
 def test_the_camera_holds_all_objects_and_is_no_farther_than_that(world):
     view = View(camera_over(world._points), (100, 100), FIELD_OF_VIEW_DEG)
     image = (world._points - view.camera[:3, 3]) @ view.camera[:3, :3]

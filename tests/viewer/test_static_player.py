@@ -85,7 +85,7 @@ def test_a_slow_page_draws_coarser_views_while_something_moves(player):
         )
 
     full = len(pixels(player.page))
-    assert sides([20]) == [full, full]
+    assert sides([10]) == [full, full]
     assert sides([100]) == [pytest.approx(full / 2, abs=1), full]
     assert sides([100, 100, 100]) == [pytest.approx(full / 4, abs=1), full]
     assert sides([100, 1]) == [full, full]

@@ -1,6 +1,7 @@
 """What light a surface of known material sends to the camera: `CompiledNetwork`, with nothing learned."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -95,7 +96,12 @@ class KnownLight:
         metal = material.mapped("metallic") or appearance.metallic > 0
         self.samples = METAL_SAMPLES if metal else GLOSS_SAMPLES
         matt = material.mapped("metallic") or appearance.metallic < 1
-        self._radiosity = Radiosity(lit, surface, material) if matt else None
+        self._matt = (lit, surface, material) if matt else None
+
+    @cached_property
+    def _radiosity(self) -> Radiosity | None:
+        """Made at the first answer that needs it: drafts need none."""
+        return None if self._matt is None else Radiosity(*self._matt)
 
     def features(self, points: Points) -> Appearance:
         """Return the terms (n, `TERMS`) of points that no light changes, and albedo (n, 3), float32."""

@@ -67,7 +67,7 @@ class Radiosity:
         area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / len(face)
         self._exchange = self._exchanged(area * self._count)
         lattice = FaceLattice(surface.triangles, PITCH)
-        self._near, self._share = self._interpolation(lattice)
+        self._near, self._share = nearest_sites(lit, lattice, self._sites)
         self._lookup = LatticeLookup(lattice)
         self._fields: dict[bytes, np.ndarray] = {}
 
@@ -125,15 +125,6 @@ class Radiosity:
         exchange /= np.maximum(exchange.sum(axis=1, keepdims=True), 1.0)
         return exchange
 
-    def _interpolation(self, lattice: FaceLattice) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sites (v, k) nearest to each value of the lattice, and their shares (v, k)."""
-        face, barycentric = lattice.places(np.zeros((1, 2)))
-        points = self._lit.points(face, barycentric, -self._lit.facets[face])
-        place = lattice.mean(_places(points))
-        distance, near = map(np.asarray, cKDTree(_places(self._sites)).query(place, SITE_NEIGHBOURS))
-        share = 1 / (distance + ALIKE_DISTANCE) ** 2
-        return near, share / share.sum(axis=1, keepdims=True)
-
     def irradiance(
         self, lights: Lights, face: np.ndarray, barycentric: np.ndarray, direct: bool = False
     ) -> np.ndarray:
@@ -182,6 +173,16 @@ class Radiosity:
             irradiance[hidden] = 0.0
             arriving[index % turns :: turns] += turns * irradiance[:, None] * colour
         return arriving
+
+
+def nearest_sites(lit: LitSurface, lattice: FaceLattice, sites: Points) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sites (v, k) nearest to each value of the lattice, in order, and their shares (v, k)."""
+    face, barycentric = lattice.places(np.zeros((1, 2)))
+    points = lit.points(face, barycentric, -lit.facets[face])
+    place = lattice.mean(_places(points))
+    distance, near = map(np.asarray, cKDTree(_places(sites)).query(place, SITE_NEIGHBOURS))
+    share = 1 / (distance + ALIKE_DISTANCE) ** 2
+    return near, share / share.sum(axis=1, keepdims=True)
 
 
 @arrayless(relaxed_kernel)

@@ -1,9 +1,11 @@
 """VisionNet rendered by compiled kernels: the image of the route through torch, many times sooner."""
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 
 import numpy as np
 
+from objectfolder.vision.compiled.drafts import Draft
 from objectfolder.vision.compiled.effort import Effort
 from objectfolder.vision.compiled.gloss_images import shade_gloss
 from objectfolder.vision.compiled.known_light import KnownLight
@@ -55,7 +57,7 @@ class CompiledRenderer:
         weights: Mapping[str, np.ndarray],
         radiance_scale: float,
     ) -> None:
-        self._set(LitSurface(surface), CompiledNetwork(grid, weights), radiance_scale)
+        self._set(surface, LitSurface(surface), CompiledNetwork(grid, weights), radiance_scale)
 
     @classmethod
     def of_material(
@@ -69,11 +71,14 @@ class CompiledRenderer:
             A material that is not known in full.
         """
         renderer, lit = cls.__new__(cls), LitSurface(surface)
-        renderer._set(lit, KnownLight(lit, surface, material), radiance_scale)
+        renderer._set(surface, lit, KnownLight(lit, surface, material), radiance_scale)
         return renderer
 
-    def _set(self, surface: LitSurface, network: CompiledNetwork | KnownLight, radiance_scale: float) -> None:
-        self._surface, self._network = surface, network
+    def _set(
+        self, unit: UnitSurface, surface: LitSurface, network: CompiledNetwork | KnownLight,
+        radiance_scale: float,
+    ) -> None:  # fmt: skip
+        self._unit, self._surface, self._network = unit, surface, network
         self._shading = Shading(surface, network)
         self._scale = np.array([radiance_scale] * 3 + [1.0], dtype=np.float32)
 
@@ -162,6 +167,32 @@ class CompiledRenderer:
             around = Surroundings(self._surface, self._network, environment)
             colour = shade_surrounded(self._shading, view, around, effort) / np.pi
         return _image(view, colour, crop or (0, 0, *size))
+
+    def draft(
+        self, origins: np.ndarray, directions: np.ndarray, environment: Environment, turn: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return about the radiance (n, 4) float32 along rays in an environment, and how far (n,) they go.
+
+        Parameters
+        ----------
+        origins, directions
+            (n, 3), the latter of length 1, unit frame.
+        turn
+            (3, 3) from this frame to the environment's.
+        """
+        origins, directions = (np.array(rays, dtype=np.float64) for rays in (origins, directions))
+        rgba, distance = np.zeros((len(origins), 4), dtype=np.float32), np.full(len(origins), np.inf)
+        face, barycentric = self._surface.volumes.first_hits(origins, directions)
+        hit = np.flatnonzero(face >= 0)
+        points = self._surface.points(face[hit], barycentric[hit], directions[hit])
+        rgba[hit, :3] = self._draft.radiance(points, environment, turn)
+        rgba[hit, 3] = 1.0
+        distance[hit] = np.einsum("ij,ij->i", points.position - origins[hit], directions[hit])
+        return rgba, distance
+
+    @cached_property
+    def _draft(self) -> Draft:
+        return Draft(self._surface, self._unit, self._network)
 
     def _view(
         self, camera_to_world: np.ndarray, size: tuple[int, int], field_of_view_deg: float, effort: Effort,

@@ -131,6 +131,15 @@ class FaceLattice:
         under = corner[2] * (1 - right) + corner[3] * right
         return np.asarray(above * (1 - down) + under * down)
 
+    def nearest_values(self, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        """Return which value (n,) lies nearest to barycentric coordinates (n, 3) of faces (n,)."""
+        local = np.take_along_axis(barycentric, self._corners[face], axis=1)
+        columns, rows = self._columns[face], self._rows[face]
+        i, j = (
+            np.rint(np.clip(local[:, k], 0.0, 1.0) * n).astype(np.int64) for k, n in ((1, columns), (2, rows))
+        )
+        return np.asarray(self.owner[self._start[face] + j * (columns + 1) + i])
+
     def least(self, values: np.ndarray) -> np.ndarray:
         """Return the least (F,) of values (size,) on each face."""
         return np.asarray(np.minimum.reduceat(values[self.owner], self._start))

@@ -304,6 +304,20 @@ class VisionNet:
     def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
         return self._rendering().surrounded(camera, *asked)
 
+    @property
+    def drafts(self) -> bool:
+        """Whether `draft` answers: of all but thin glass."""
+        return self.glass != THIN
+
+    def draft(
+        self, origins: np.ndarray, directions: np.ndarray, environment: Environment, turn: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return about the radiance (n, 4) along rays in an environment, see `CompiledRenderer.draft`."""
+        renderer = self._rendering()
+        if not hasattr(renderer, "draft"):
+            raise QueryError("draft", "a draft of thin glass", "Render it.")
+        return renderer.draft(origins, directions, environment, turn)
+
     @renamed_keywords(light_position="lights")
     def radiance(
         self, origins: np.ndarray, directions: np.ndarray, lights: np.ndarray, *,

@@ -244,7 +244,7 @@ def one_thread_each() -> None:
 
     Those that are not loaded yet read the variables.
     """
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     threadpool_limits(1)
 

@@ -125,6 +125,7 @@ class PlayedWorld:
     def seen(self, query: Mapping[str, Any]) -> Answer:
         """Return an image of ``resolution`` from ``camera_to_world``, by ``sub_rays`` (null: the file's own).
 
+        Or a ``draft`` of it. The header says how many milliseconds it took to draw.
         Where nothing has moved since ``stamp`` and ``wait`` is true, it waits for a while, and the header may
         say ``still``. The bytes are (resolution, resolution, 3) sRGB, then int8: which body, -1 for none.
         """
@@ -137,9 +138,10 @@ class PlayedWorld:
             if stamp_before == self._poses.stamp:
                 return {"still": True, "stamp": stamp_before}, b""
         self._on_time.wait(WAIT_S)
-        stamp = self._poses.stamp
-        image = self._sight.image(camera, resolution, sub_rays=rays)
-        header = {"stamp": stamp, "resolution": resolution, "fingers": self._apexes}
+        stamp, begun_s = self._poses.stamp, time.monotonic()
+        image = self._sight.image(camera, resolution, sub_rays=rays, draft=bool(query.get("draft")))
+        drawn_ms = 1e3 * (time.monotonic() - begun_s)
+        header = {"stamp": stamp, "resolution": resolution, "fingers": self._apexes, "drawn_ms": drawn_ms}
         return header, image.rgb.tobytes() + image.body.astype(np.int8).tobytes()
 
     def felt(self, _: Mapping[str, Any]) -> Answer:
@@ -161,8 +163,8 @@ class PlayedWorld:
         return result.result(timeout=10.0), b""
 
     def warm(self) -> None:
-        """Compile what images need, and set their exposure."""
-        self._sight.image(camera_over(self._points), 64)
+        """Prepare what drafts need, and set the exposure."""
+        self._sight.image(camera_over(self._points), 64, draft=True)
 
     def _begin(self) -> None:
         """Start over, everything in its place."""

@@ -16,8 +16,9 @@
   };
   const [MOST_LAMPS, NEARLY_WHITE, DISPLAY_GAMMA] = [4, 250, 2.2];
   const WIDTH = 2048; // of the texture of colours
-  // While something moves, views that take longer are drawn half as fine, and those that take less twice.
-  const [SLOW_MS, FAST_MS, COARSEST] = [40, 8, 0.25];
+  // While something moves, views that take longer are drawn half as fine, and those that take less twice: 60 a
+  // second have 16 ms each, some of them the page's own.
+  const [SLOW_MS, FAST_MS, COARSEST] = [12, 3, 0.25];
   const [RADIUS, SKY, LEVEL, SHARE] = [3, 0.2, 0.79, 0.95];
   // Radiance = scale * (power * cos / d^2 of each lamp + sky) * colour; no shadows.
   const FRAGMENT = `#version 300 es

@@ -3,9 +3,10 @@
 (async function (viewer) {
   const { ask, paint, element, slider } = viewer;
   const { dot, minus, plus, times } = viewer.algebra;
-  const MOVING = { resolution: 128, sub_rays: 1 };
+  // Sides of images that move: a smaller one after one that was slow to draw, a larger one after a quick one.
+  const [SIDES, SLOW_MS, QUICK_MS] = [[128, 192, 256], 40, 15];
   // Shown one after the other while nothing moves: only what has moved since is drawn again.
-  const RESTING = [{ resolution: 512, sub_rays: 4 }, { resolution: 512, sub_rays: 16 }];
+  const RESTING = [{ resolution: 512, draft: true }, { resolution: 512, sub_rays: 16 }];
   const FELT_MS = 80;
   const RECORDED_MS = 500;
   const CARRIED_MS = 15;
@@ -26,7 +27,7 @@
       this.orbit = new viewer.Orbit(facts.frame, 1);
       Object.assign(this.orbit, { azimuth: -81, elevation: 33 });
       this.sound = new viewer.SoundStream(facts.rate, gain(DECIBELS.value));
-      Object.assign(this, { stamp: -1, turned: 0, stage: 0, hand: false, carried: null, impulse: 0.05, force: 4 });
+      Object.assign(this, { stamp: -1, turned: 0, stage: 0, fineness: 0, hand: false, carried: null, impulse: 0.05, force: 4 });
       this.build();
     }
 
@@ -232,6 +233,7 @@
       Object.assign(this, { stamp: header.stamp, stage, bodies: new Int8Array(payload, 3 * side ** 2) });
       this.canvas.dataset.state = stage === RESTING.length ? "rest" : "moving";
       this.side = side;
+      if (stage === 0) this.keepUp(header.drawn_ms);
       this.tell();
       this.rings.forEach((ring, finger) => {
         const at = header.fingers[finger];
@@ -244,6 +246,15 @@
       return ask("seen", { ...wanted, camera_to_world: this.orbit.cameraToWorld(), stamp: this.stamp, wait });
     }
 
+    moving() {
+      return { resolution: SIDES[this.fineness], draft: true };
+    }
+
+    keepUp(took) {
+      if (took > SLOW_MS) this.fineness = Math.max(0, this.fineness - 1);
+      else if (took < QUICK_MS) this.fineness = Math.min(SIDES.length - 1, this.fineness + 1);
+    }
+
     // Shows the table from elsewhere at once, and nothing that was asked for before.
     look(turn) {
       turn();
@@ -254,7 +265,7 @@
         let turned = -1;
         while (turned !== this.turned) {
           turned = this.turned;
-          this.show(await this.seen(MOVING, false), 0, turned);
+          this.show(await this.seen(this.moving(), false), 0, turned);
         }
       }).finally(() => (this.looking = false));
     }
@@ -263,7 +274,7 @@
     async watch() {
       for (;;) {
         const { turned, stage } = this;
-        const answer = await this.seen(MOVING, true);
+        const answer = await this.seen(this.moving(), true);
         if (!answer.header.still) {
           this.show(answer, 0, turned);
           await painted();
