@@ -44,9 +44,9 @@ def first_image() -> dict[str, float]:
     after["imports"] = process_time()
     with tempfile.TemporaryDirectory() as folder:
         opened = OpenedScene.of(write_demo(Path(folder)))
-    after["scene"] = process_time()
-    world = PlayedWorld(opened)
-    after["world"] = process_time()
+        after["scene"] = process_time()
+        world = PlayedWorld(opened)
+        after["world"] = process_time()
     world.seen(
         {"camera_to_world": camera_over(world._points).tolist(), "resolution": SIDES[0], "draft": True}
     )

@@ -12,7 +12,6 @@ from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.incidence import UnitSurface
-from objectfolder.vision.network.incidence import UnitSurface
 
 EVEN = Environment.of(np.ones((8, 16, 3)))
 
