@@ -22,6 +22,7 @@ import pytest
 import objectfolder
 from objectfolder.errors import InputError
 from pipeline.cli import main
+from pipeline.publish.viewer import live
 from pipeline.publish.viewer.live import Query, Server, page_of_objects
 from pipeline.publish.viewer.live_queries import LiveObjects
 from tests.viewer.live_servers import served, served_page
@@ -51,6 +52,16 @@ def query(server, path, question):
     assert status == 200, body
     length = int.from_bytes(body[:4], "little")
     return json.loads(body[4 : 4 + length]), body[4 + length :]
+
+
+def test_bounded_threads_leave_numbas_variables_alone(monkeypatch):
+    """Numba reads them again where one changed, and compiles for another target than that of the cache."""
+    variables: dict[str, str] = {}
+    monkeypatch.setattr(live.os, "environ", variables)
+    monkeypatch.setattr(live, "threadpool_limits", lambda _: None)
+    live.one_thread_each()
+    assert "OMP_NUM_THREADS" in variables
+    assert not [name for name in variables if name.startswith("NUMBA_")]
 
 
 def test_it_listens_on_loopback_alone(server):

@@ -242,7 +242,8 @@ def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:
 def one_thread_each() -> None:
     """Let libraries compute each answer on one core: it is small, and waiting threads would only delay it.
 
-    Those that are not loaded yet read the variables.
+    Those that are not loaded yet read the variables. Numba is told nothing: where its variables change it
+    reads all of them again, forgets the target that `objectfolder.jit` set, and finds no kernel in the cache.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")

@@ -1,0 +1,84 @@
+"""How-to pages, run: commands that ask Object Files alone, and Python. `test_docs` checks the others' names.
+
+Commands of a data set, of clusters and of what others publish run in the tests of these. `view`, `demo` and
+`play` without a video serve a page, which the tests of pages open. `batch.md` needs a GPU.
+"""
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import objectfolder
+from pipeline.cli import main
+
+DOCS = Path(__file__).parents[1] / "docs"
+FILES = ("mug", "bell")
+SERVED = ("view", "demo", "play")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Blocks of code of a page."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def commands(page: str) -> list[list[str]]:
+    """Commands of a page that ask Object Files and what earlier commands wrote, without their first word."""
+    lines = [line for block in blocks(page, "console") for line in block.splitlines()]
+    every = [shlex.split(line.removeprefix("$ "), comments=True) for line in lines]
+    asked = []
+    for words in (words[1:] for words in every if words[:1] == ["objectfolder"]):
+        serves = words[0] in SERVED and "-o" not in words
+        subject = words[1] if len(words) > 1 else ""
+        if not serves and subject.endswith((".safetensors", "object_files", "scene.xml")):
+            asked.append(words)
+    return asked
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with Object Files, where commands and Python run."""
+    (tmp_path / "data" / "object_files").mkdir(parents=True)
+    for name in FILES:
+        for place in (tmp_path, tmp_path / "data" / "object_files"):
+            objectfolder.example(name).save(place / f"{name}.safetensors")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.release("docs", "objectfolder", "pipeline.publish", "pipeline.cli")
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize(
+    ("page", "least"), [("commands.md", 12), ("gallery.md", 2), ("export.md", 1), ("simulators.md", 1)]
+)
+def test_commands_of_a_page_run(page: str, least: int, folder: Path) -> None:
+    asked = commands(page)
+    assert len(asked) >= least
+    for words in asked:
+        output = folder / words[words.index("-o") + 1] if "-o" in words else folder
+        if output != folder:
+            shutil.rmtree(output, ignore_errors=True)  # pages show two ways to write one folder
+        assert main(words) == 0, words
+        assert output.exists(), words
+
+
+@pytest.mark.release("docs", "objectfolder.live", "pipeline.publish", "pipeline.cli")
+@pytest.mark.usefixtures("quiet")
+def test_the_page_of_live_scenes_runs(folder: Path) -> None:
+    for words in commands("live.md"):
+        assert main([*words, *(("--seconds", "0.2") if words[0] == "play" else ())]) == 0, words
+    assert (folder / "clip.mp4").stat().st_size > 1000
+    names: dict[str, Any] = {}
+    for block in blocks("live.md", "python"):
+        exec(compile(block, "live.md", "exec"), names)
+    assert abs(names["sound"]).max() > 0
+    assert len(names["live"].impacts) > 0
+    assert names["seen"].rgb.shape == (256, 256, 3)
+    assert names["felt"].normal_n == pytest.approx(4.0, rel=0.2)
+    assert np.shape(names["image"]) == names["felt"].image.rgb.shape
+    assert set(names["observation"]) == {"image", "audio", "touch", "proprioception"}
