@@ -201,22 +201,27 @@ def gains_of_more_functions(
     modes = vectors.shape[2]
     residual = np.zeros((space.size, 3 * modes))
     diagonal = np.zeros((space.size, 9))
+    # Functions of an element come by ascending order: those used by any are among the first, those left out
+    # by any among the last.
+    of_elements = chosen[space.numbers]
+    used = slice(0, int(np.flatnonzero(of_elements.any(axis=0)).max(initial=-1)) + 1)
+    left = slice(int(of_elements.all(axis=0).argmin()), space.numbers.shape[1])
+    own = np.arange(left.start, left.stop)
     for elements, blocks, weights in matrices:
-        numbers = space.numbers[elements]
-        count = numbers.shape[1]
-        matrix = blocks.transpose(0, 1, 3, 2, 4).reshape(len(elements), 3 * count, 3 * count)
-        local = vectors[numbers]
-        force = np.matmul(matrix, local.reshape(len(elements), 3 * count, modes))
-        inertia = np.matmul(weights, local.reshape(len(elements), count, 3 * modes))
-        inertia = inertia.reshape(len(elements), count, 3, modes) * eta_squared
+        numbers = space.numbers[elements][:, left]
+        matrix = blocks[:, left, used].transpose(0, 1, 3, 2, 4)
+        matrix = matrix.reshape(len(elements), 3 * len(own), -1)
+        local = vectors[space.numbers[elements][:, used]]
+        force = np.matmul(matrix, local.reshape(len(elements), -1, modes))
+        inertia = np.matmul(weights[:, left, used], local.reshape(*local.shape[:2], 3 * modes))
+        inertia = inertia.reshape(len(elements), len(own), 3, modes) * eta_squared
         excess = (force.reshape(inertia.shape) - inertia).reshape(-1, 3 * modes)
-        own = blocks[:, np.arange(count), np.arange(count)].reshape(-1, 9)
         entries = numbers.size
         gather = sparse.csr_matrix(
             (np.ones(entries), (numbers.ravel(), np.arange(entries))), shape=(space.size, entries)
         )
         residual += np.asarray(gather @ excess)
-        diagonal += np.asarray(gather @ own)
+        diagonal += np.asarray(gather @ blocks[:, own, own].reshape(-1, 9))
     candidates = np.flatnonzero(~chosen)
     result = np.zeros((space.size, modes))
     residuals = residual[candidates].reshape(-1, 3, modes)
