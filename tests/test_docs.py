@@ -190,7 +190,7 @@ def test_pages_of_the_reference_are_short(pages: dict[Path, ElementTree.Element]
         assert page.evaluate("document.documentElement.scrollHeight") <= 15000, path.name
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.release("docs"))])
 def test_pages_are_accessible(scheme: str, pages: dict[Path, ElementTree.Element], browser: Any):
     page = browser.new_page(color_scheme=scheme, bypass_csp=True)
     tried = ("index.html", "ask.html", "api/audio.html")  # a picture and tables, code, a reference

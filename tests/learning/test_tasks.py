@@ -70,7 +70,7 @@ def test_dvc_knows_the_code_and_the_parameters_of_every_task():
     assert "regrasping" not in declared["recognition"] | declared["grasping"]
 
 
-@pytest.mark.slow
+@pytest.mark.release("learning", "objectfolder")
 def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     monkeypatch.setattr(encoders, "LOGS", tmp_path / "logs")

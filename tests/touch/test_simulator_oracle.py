@@ -152,7 +152,7 @@ def test_nothing_reaches_deeper_than_the_faces_that_the_tree_finds_near(name: st
 def test_a_box_is_entered_by_what_has_a_point_within() -> None:
     random = np.random.default_rng(4)
     outcomes = []
-    for _ in range(500):
+    for _ in range(300):
         low = random.normal(size=3) * 0.01
         high = low + random.random(3) * 0.02
         # Triangles about a place on the box, which pass by its edges.
@@ -167,7 +167,7 @@ def test_a_box_is_entered_by_what_has_a_point_within() -> None:
         placed = FacePatches(Surface(corners @ pose[:3, :3].T + pose[:3, 3], np.array([[0, 1, 2]])))
         assert placed.enters_box(pose, low, high) == (most.x[3] > 0)
         outcomes.append(most.x[3] > 0)
-    assert 50 < sum(outcomes) < 250
+    assert 40 < sum(outcomes) < 150
 
 
 @pytest.mark.parametrize("size", [0.002, 0.02, 0.1])
