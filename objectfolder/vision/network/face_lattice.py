@@ -89,6 +89,11 @@ class FaceLattice:
         return face, np.clip(barycentric, 0.0, 1.0)
 
     @property
+    def counts(self) -> np.ndarray:
+        """Number of places (F,) on each face."""
+        return self._counts
+
+    @property
     def grids(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of each face its corners (F, 3) in the order of its grid, steps (F,) along two edges, first place.
 

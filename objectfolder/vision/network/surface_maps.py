@@ -4,7 +4,7 @@ Each is a lattice of bytes on the faces; albedo always, the others where the sou
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -47,12 +47,15 @@ class SurfaceMaps:
     levels
         By name (size, channels) uint8: roughness, metallic, alpha, sRGB-encoded albedo 0..1 as 0 to
         `MAP_WHOLE`; of a normal its parts along `tangent_frame`, -1..1 as 0 to twice that.
+    streams
+        By name the packed levels, as `tensors` returns them, of maps that are packed already.
     """
 
     surface: Surface
     triangles: np.ndarray
     pitches: Mapping[str, float]
     levels: Mapping[str, np.ndarray]
+    streams: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def from_tensors(
@@ -82,11 +85,14 @@ class SurfaceMaps:
                 raise FormatError(f"vision.map.{name}", f"damaged ({error})", REMEDY) from error
         if len(set(pitches.values())) > MOST_PITCHES:
             raise FormatError("vision.maps", f"more than {MOST_PITCHES} pitches", REMEDY)
-        return cls(surface, triangles, pitches, levels)
+        return cls(surface, triangles, pitches, levels, streams)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Return the maps as streams (n,) uint8 by name."""
-        return {name: pack_levels(_parted(levels)) for name, levels in self.levels.items()}
+        return {
+            name: self.streams[name] if name in self.streams else pack_levels(_parted(levels))
+            for name, levels in self.levels.items()
+        }
 
     def metadata(self) -> dict[str, Any]:
         """Return pitch and number of values of each map, as JSON."""

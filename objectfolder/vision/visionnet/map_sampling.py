@@ -10,7 +10,6 @@ from objectfolder.mesh.normal_maps import MappedNormals
 from objectfolder.surface.codec import stored_order
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
-from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.network.face_lattice import FaceLattice, facing
 from objectfolder.vision.network.surface_maps import (
@@ -28,6 +27,12 @@ ALBEDO_PITCHES = tuple(1 / count for count in (64, 96, 128, 160, 192, 224, 256))
 FINE_PITCHES = tuple(1 / count for count in (320, 384, 448, 512))
 ALBEDO_BYTES = {"learned": 64_000, "known": 160_000}
 """Of these the finest that takes no more, beside a network of 870 kB and where there is none."""
+
+BYTES_POWER = 1.1
+"""Of 1 over the pitch, at least about as which bytes grow: 2 for noise, 1 for edges."""
+
+OF_TEXTURES = {"albedo": slice(0, 3), "alpha": slice(3, 4)}
+"""Channels of the textures that are a map; the others are images of their own."""
 
 TAPS, ALPHA_TAPS = 3, 4
 """Places along each axis of a value's cell over which it is a mean; an even number halves at an edge."""
@@ -75,53 +80,60 @@ def sample_maps(
             pitches[name] = pitch
             taps = ALPHA_TAPS if name == "alpha" else TAPS
             lattice = lattice_of(name, triangles, pitch)
-            levels[name] = _levels(mesh, surface, name, lattice, appearance, taps)
-    albedo_pitches = ALBEDO_PITCHES + (FINE_PITCHES if material == "known" else ())
+            constant = getattr(appearance, name, 1.0)
+            levels[name] = _levels(mesh, surface, name, lattice, constant, taps)
+    albedo = _finest_albedo(mesh, surface, triangles, material)
+    if albedo is None:
+        return SurfaceMaps(surface, triangles, pitches, levels)
+    pitches |= albedo.pitches
+    levels |= albedo.levels
+    return SurfaceMaps(surface, triangles, pitches, levels, albedo.streams)
 
-    def albedo(pitch: float, taps: int) -> tuple[np.ndarray, int]:
-        """Levels, and the bytes that they take."""
-        found = _levels(mesh, surface, "albedo", lattice_of("albedo", triangles, pitch), appearance, taps)
-        alone = SurfaceMaps(surface, triangles, {"albedo": pitch}, {"albedo": found})
-        return found, len(alone.tensors()["albedo"])
 
-    low, high = 0, len(albedo_pitches)
-    while low < high:
-        middle = (low + high) // 2
+def _finest_albedo(
+    mesh: TexturedMesh, surface: Surface, triangles: np.ndarray, material: str
+) -> SurfaceMaps | None:
+    """Return the albedo on the finest lattice within its bytes, or the coarsest; of too many faces None."""
+    pitches = []
+    for pitch in ALBEDO_PITCHES + (FINE_PITCHES if material == "known" else ()):
         try:
-            # Values at the places take hardly fewer bytes than means over cells, in a ninth of the time.
-            _, size = albedo(albedo_pitches[middle], 1)
+            lattice_of("albedo", triangles, pitch)
         except FormatError:  # more places than a file may have
-            high = middle
-            continue
-        if middle and size > ALBEDO_BYTES[material]:
-            high = middle
-        else:
-            low = middle + 1
-    while low:
-        pitches["albedo"] = albedo_pitches[low - 1]
-        levels["albedo"], size = albedo(pitches["albedo"], TAPS)
-        if low == 1 or size <= ALBEDO_BYTES[material]:
             break
-        low -= 1
-    return SurfaceMaps(surface, triangles, pitches, levels)
+        pitches.append(pitch)
+    allowed = ALBEDO_BYTES[material]
+    finest, low, high = None, 0, len(pitches)
+    at = high // 2
+    while low < high:
+        pitch = pitches[at]
+        levels = _levels(mesh, surface, "albedo", lattice_of("albedo", triangles, pitch), 1.0, TAPS)
+        albedo = SurfaceMaps(surface, triangles, {"albedo": pitch}, {"albedo": levels})
+        albedo = replace(albedo, streams=albedo.tensors())
+        size = len(albedo.streams["albedo"])
+        if at and size > allowed:
+            high = at
+        else:
+            finest, low = albedo, at + 1
+        # Packing is slow, so the next pitch is the one that is likely to be the finest.
+        likely = pitch * (size / allowed) ** (1 / BYTES_POWER)
+        at = int(np.clip(np.count_nonzero(np.array(pitches) >= likely) - 1, low, max(low, high - 1)))
+    return finest
 
 
 def _levels(
-    mesh: TexturedMesh, surface: Surface, name: str, lattice: FaceLattice, appearance: Appearance, taps: int
+    mesh: TexturedMesh, surface: Surface, name: str, lattice: FaceLattice, constant: float, taps: int
 ) -> np.ndarray:
-    """Levels (size, channels) uint8 of a map."""
-    mapped = MappedNormals(
-        mesh.vertices, mesh.faces, surface.corner_normals, mesh.texture_coordinates, mesh.face_texture,
-        mesh.normal_maps,
-    )  # fmt: skip
+    """Levels (size, channels) uint8 of a map, the constant where no texture has it."""
     steps = (np.arange(taps) + 0.5) / taps - 0.5
-    total: np.ndarray | float = 0.0
-    for offset in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2):
-        places = lattice.places(offset)
-        if name == "normal":
-            total = total + _aside(surface, mapped, *places)
-        else:
-            total = total + _values(mesh, name, getattr(appearance, name, 1.0), *places)
+    if name == "normal":
+        mapped = MappedNormals(
+            mesh.vertices, mesh.faces, surface.corner_normals, mesh.texture_coordinates, mesh.face_texture,
+            mesh.normal_maps,
+        )  # fmt: skip
+        offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)
+        total = sum(_aside(surface, mapped, *lattice.places(offset)) for offset in offsets)
+    else:
+        total = _sums(mesh, name, constant, lattice, steps)
     lowest = MAP_WHOLE[name] if name == "normal" else 0
     mean = lattice.mean(np.asarray(total) / taps**2)
     return np.asarray(np.rint(lowest + MAP_WHOLE[name] * mean).astype(np.uint8))
@@ -149,20 +161,21 @@ def _aside(surface: Surface, mapped: MappedNormals, face: np.ndarray, barycentri
     return np.asarray(np.where(below[:, None], aside / length[:, None], aside))
 
 
-def _values(
-    mesh: TexturedMesh, name: str, constant: float, face: np.ndarray, barycentric: np.ndarray
+def _sums(
+    mesh: TexturedMesh, name: str, constant: float, lattice: FaceLattice, steps: np.ndarray
 ) -> np.ndarray:
-    """Map (n, channels) in 0..1 at barycentric coordinates (n, 3) of faces (n,); albedo sRGB-encoded."""
-    coordinates = np.einsum("ij,ijk->ik", barycentric, mesh.texture_coordinates[face])
-    values = np.full((len(face), MAP_CHANNELS[name]), constant)
-    for texture, image in enumerate(mesh.textures):
-        own = np.flatnonzero(mesh.face_texture[face] == texture)
-        if name == "albedo":
-            values[own] = bilinear(image[..., :3], coordinates[own])
-        elif name == "alpha":
-            alpha = bilinear(image[..., 3:], coordinates[own])
-            cutoff = mesh.alpha_cutoffs.get(texture)
-            values[own] = alpha if cutoff is None else alpha >= cutoff
-        elif texture in (maps := _maps(mesh, name)):
-            values[own] = bilinear(maps[texture][..., None], coordinates[own])
-    return values
+    """Sums (p, channels) of a map in 0..1 over the values about each place; albedo sRGB-encoded."""
+    # Importing numba is slow.
+    from objectfolder.vision.visionnet.texture_means import add_texture
+
+    places = int(lattice.counts.sum())
+    sums = np.zeros((places, MAP_CHANNELS[name]))
+    maps = dict(enumerate(mesh.textures)) if name in OF_TEXTURES else _maps(mesh, name)
+    for texture, image in maps.items():
+        channels = image[..., OF_TEXTURES[name]] if name in OF_TEXTURES else image[..., None]
+        cutoff = mesh.alpha_cutoffs.get(texture) if name == "alpha" else None
+        own = mesh.face_texture == texture
+        add_texture(sums, channels, mesh.texture_coordinates, own, lattice, steps, cutoff)
+    without = ~np.isin(mesh.face_texture, list(maps))
+    sums[np.repeat(without, lattice.counts)] = constant * len(steps) ** 2
+    return sums

@@ -1,0 +1,58 @@
+"""Maps of a source, sampled on lattices of the stored faces."""
+
+from dataclasses import replace
+from unittest import mock
+
+import numpy as np
+import pytest
+from vision_shapes import cube
+
+from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.network.face_lattice import FaceLattice
+from objectfolder.vision.visionnet import map_sampling
+from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
+from objectfolder.vision.visionnet.texture_means import add_texture
+
+
+@pytest.mark.parametrize("cutoff", [None, 0.5])
+def test_the_compiled_sums_are_those_of_the_texture_about_each_place(cutoff):
+    random = np.random.default_rng(0)
+    triangles = random.random((12, 3, 3))
+    coordinates = random.uniform(-1.5, 2.5, (12, 3, 2))
+    image = random.integers(0, 256, (7, 11, 3), dtype=np.uint8)
+    lattice, steps = FaceLattice(triangles, 0.13), np.array([-0.25, 0.25])
+    own = np.arange(12) % 3 > 0
+    sums = np.zeros((int(lattice.counts.sum()), 3))
+    add_texture(sums, image, coordinates, own, lattice, steps, cutoff)
+    expected = np.zeros_like(sums)
+    for offset in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2):
+        face, barycentric = lattice.places(offset)
+        values = bilinear(image, np.einsum("ij,ijk->ik", barycentric, coordinates[face]))
+        expected += np.where(own[face][:, None], values if cutoff is None else values >= cutoff, 0)
+    np.testing.assert_allclose(sums, expected, atol=1e-5)
+    assert 0 < np.count_nonzero(sums) < sums.size
+
+
+def test_the_albedo_lies_on_the_finest_lattice_within_its_bytes_and_is_packed_once(monkeypatch):
+    noise = np.random.default_rng(1).integers(0, 256, (64, 64, 4), dtype=np.uint8)
+    noise[..., 3] = 255
+    mesh = replace(cube(), textures=(noise,), face_texture=np.zeros(len(cube().faces), dtype=np.int32))
+    kept = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
+    frame = UnitFrame.of_points(kept.vertices)
+    pitches = map_sampling.ALBEDO_PITCHES[:4]
+    sizes = []
+    for pitch in pitches:
+        monkeypatch.setattr(map_sampling, "ALBEDO_PITCHES", (pitch,))
+        sizes.append(len(sample_maps(kept, frame, Appearance()).tensors()["albedo"]))
+    assert sizes == sorted(set(sizes))
+    monkeypatch.setattr(map_sampling, "ALBEDO_PITCHES", pitches)
+    for allowed, at in [(sizes[0] - 1, 0), *((size, index) for index, size in enumerate(sizes))]:
+        monkeypatch.setitem(map_sampling.ALBEDO_BYTES, "learned", allowed)
+        maps = sample_maps(kept, frame, Appearance())
+        assert maps.pitches == {"albedo": pitches[at]}
+        with mock.patch("objectfolder.vision.network.surface_maps.pack_levels", side_effect=AssertionError):
+            stream = maps.tensors()["albedo"]
+        assert len(stream) == sizes[at]
