@@ -187,6 +187,13 @@ def test_no_uvs_with_a_texture(tmp_path):
     assert "Unwrap" in problem.remedy
 
 
+def test_one_face_without_uvs_among_others_that_have_them(good):
+    path = good / "good" / "model.obj"
+    head, _, face = path.read_text().rpartition("f ")
+    path.write_text(f"{head}f {re.sub(r'/[0-9/]+', '', face)}")
+    assert "1 of 12 faces have a texture but no texture coordinates" in refused(path).finding
+
+
 @pytest.mark.parametrize("content", [b"", b"not an image", b"\x89PNG\r\n\x1a\n broken"])
 def test_texture_that_is_not_an_image(good, content):
     (good / "other.png").write_bytes(content)
