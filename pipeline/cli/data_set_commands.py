@@ -196,11 +196,13 @@ def status(*, json: Json = False, root: Root = Path(".")) -> int:
     The exit status is 1 where a run has something to do.
     """
     from objectfolder.products.provenance import json_lines
+    from pipeline.dataset.verified import without_collector
     from pipeline.run.exclusive import owner
     from pipeline.run.status import CURRENT, table
     from pipeline.run.status import status as states
 
-    found = states(root.absolute())
+    with without_collector():
+        found = states(root.absolute())
     if json:
         print(json_lines([entry.as_mapping() for entry in found], 1))
     else:

@@ -12,7 +12,7 @@ import gc
 import operator
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -240,17 +240,25 @@ def _code_path(root: Path) -> Path:
     return root / ".objectfolder" / "code.json"
 
 
+@contextlib.contextmanager
+def without_collector() -> Iterator[None]:
+    """Keep Python's collector of cycles from going through thousands of entries, of which none is in one."""
+    collected = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collected:
+            gc.enable()
+
+
+@without_collector()
 def _read(path: Path, kind: type[Kind]) -> Kind:
     """Return the content of a file that may be lost at any time: empty where it is not of this kind."""
-    collected = gc.isenabled()
-    gc.disable()  # no entry is in a cycle, and the collector would go through all of them again and again
     try:
         return TypeAdapter(kind).validate_json(read_regular(path))
     except (OSError, ValueError):
         return kind()
-    finally:
-        if collected:
-            gc.enable()
 
 
 def _write(path: Path, content: object) -> None:
