@@ -16,6 +16,7 @@
   };
   const [MOST_LAMPS, NEARLY_WHITE, DISPLAY_GAMMA] = [4, 250, 2.2];
   const WIDTH = 2048; // of the texture of colours
+  const SAMPLES = 4; // of a pixel at rest; any WebGL 2 has so many
   // While something moves, views that take longer are drawn half as fine, and those that take less twice: 60 a
   // second have 16 ms each, some of them the page's own.
   const [SLOW_MS, FAST_MS, COARSEST] = [12, 3, 0.25];
@@ -92,7 +93,7 @@
 
   class Drawing {
     constructor(canvas, surface, { colours, grids }, header) {
-      const gl = canvas.getContext("webgl2", { antialias: true, alpha: false, preserveDrawingBuffer: true });
+      const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
       if (!gl) throw new Error("This browser has no WebGL 2, which draws the surface.");
       this.canvas = canvas;
       this.gl = gl;
@@ -122,6 +123,7 @@
       const whole = Math.min(1024, Math.max(128, this.canvas.clientWidth * (window.devicePixelRatio || 1)));
       const side = Math.round(whole * (moving ? this.share : 1));
       if (this.canvas.width !== side) [this.canvas.width, this.canvas.height] = [side, side];
+      if (!moving) this._smooth(side);
       gl.viewport(0, 0, side, side);
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       gl.useProgram(this.program);
@@ -139,6 +141,7 @@
       gl.uniform3fv(at("eye"), position);
       gl.uniform1f(at("scale"), one ? this.scale : (LEVEL / this.bright) * (this.factors[orbit.studio] ?? 1));
       gl.drawArrays(gl.TRIANGLES, 0, this.count);
+      if (!moving) this._resolve(side);
       if (!one && !this.factors[orbit.studio]) {
         this.factors[orbit.studio] = (this.wanted[orbit.studio] / this._level(side)) ** DISPLAY_GAMMA;
         return this.draw(orbit, moving);
@@ -149,6 +152,28 @@
         this.keepUp(performance.now() - start);
       }
       return side;
+    }
+
+    // Draws next with edges that are smooth, which costs as much again and waits until nothing moves.
+    _smooth(side) {
+      const gl = this.gl;
+      this.smooth ??= { frame: gl.createFramebuffer(), colour: gl.createRenderbuffer(), depth: gl.createRenderbuffer() };
+      const { frame, colour, depth } = this.smooth;
+      gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
+      for (const [buffer, format, at] of [[colour, gl.RGBA8, gl.COLOR_ATTACHMENT0], [depth, gl.DEPTH_COMPONENT24, gl.DEPTH_ATTACHMENT]]) {
+        gl.bindRenderbuffer(gl.RENDERBUFFER, buffer);
+        if (this.smooth.side !== side) gl.renderbufferStorageMultisample(gl.RENDERBUFFER, SAMPLES, format, side, side);
+        gl.framebufferRenderbuffer(gl.FRAMEBUFFER, at, gl.RENDERBUFFER, buffer);
+      }
+      this.smooth.side = side;
+    }
+
+    // Shows what was drawn since `_smooth`.
+    _resolve(side) {
+      const gl = this.gl;
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
+      gl.blitFramebuffer(0, 0, side, side, 0, 0, side, side, gl.COLOR_BUFFER_BIT, gl.NEAREST);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     }
 
     // Chooses how fine the next view is that moves, by the milliseconds that one took.
