@@ -104,12 +104,10 @@ class SightBatch:
             joined([tree.children for tree in trees], place),
             joined([tree.counts for tree in trees], place),
             joined([tree.triangles for tree in trees], place),
-        )
-        self._faces, self._facets, self._corners, self._corner_normals = _resident(
             joined([tree.faces for tree in trees], place),
-            joined([surface.facets for surface in lit], place),
-            joined([surface._triangles for surface in lit], place),
-            joined([surface._corner_normals for surface in lit], place),
+        )
+        self._triangles = _resident(
+            *(joined(parts, place) for parts in zip(*(surface._triangles for surface in lit), strict=True))
         )
         grids = [grid for net in nets if (grid := net._grid) is not None]
         sizes = np.array([(*grid.sizes, *(len(lookup) for lookup in grid.lookups)) for grid in grids])
@@ -220,9 +218,8 @@ class SightBatch:
         colours = torch.zeros((count, 4), dtype=torch.float32, device=self.device)
         rays = _Rays.empty(count, self.device)
         sight_bodies.cast(
-            count, place, inside, scene.objects, scene.cameras, scene.lens, *self._tree, self._faces,
-            *rays.arrays,
-        )  # fmt: skip
+            count, place, inside, scene.objects, scene.cameras, scene.lens, *self._tree, *rays.arrays
+        )
         hit = rays.hits()
         # Pixels are in the order of views, views in the order of objects.
         views = torch.searchsorted(scene.objects, torch.arange(len(self._networks) + 1, device=self.device))
@@ -236,9 +233,8 @@ class SightBatch:
         )
         side, irradiance = (torch.empty(len(ray), dtype=torch.float64, device=self.device) for _ in range(2))
         sight_bodies.light(
-            len(ray), ray, rays.view, scene.objects, scene.lights, *self._tree, self._corners,
-            self._corner_normals, self._facets, rays.face, rays.barycentric, rays.direction, position, normal,
-            side, irradiance,
+            len(ray), ray, rays.view, rays.direction, scene.objects, scene.lights, *self._tree,
+            *self._triangles, rays.face, rays.barycentric, position, normal, side, irradiance,
         )  # fmt: skip
         return _Points(rays, ray, position, normal, side, irradiance)
 
@@ -281,8 +277,8 @@ class SightBatch:
                 reflected,
             )  # fmt: skip
         sight_bodies.colour(
-            len(points.ray), points.ray, points.rays.view, scene.objects, self._mirrors, self._radiance,
-            answers, inputs, lobe, points.irradiance, points.normal, points.rays.direction, reflected,
+            len(points.ray), points.ray, points.rays.view, points.rays.direction, scene.objects,
+            self._mirrors, self._radiance, answers, inputs, lobe, points.irradiance, points.normal, reflected,
             colours,
         )  # fmt: skip
 
@@ -290,9 +286,9 @@ class SightBatch:
         """Return what mirror rays meet, of which each point has one."""
         rays = _Rays.empty(len(points.ray), self.device)
         sight_bodies.mirror(
-            len(points.ray), points.ray, points.rays.view, scene.objects, *self._tree, self._faces,
-            self._facets, points.rays.face, points.position, points.normal, points.side,
-            points.rays.direction, *rays.arrays,
+            len(points.ray), points.ray, points.rays.view, scene.objects, *self._tree, self._triangles[2],
+            points.rays.face, points.position, points.normal, points.side, points.rays.direction,
+            *rays.arrays,
         )  # fmt: skip
         return self._lit(scene, rays, rays.hits())
 

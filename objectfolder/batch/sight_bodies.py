@@ -2,20 +2,21 @@
 
 Each function computes one ray, point or pixel by the kernels of a single view. `offsets` (objects + 1, 3)
 says where nodes, faces and, at each level, lookups and features of each object begin. `ray_of` is the ray
-that meets a point; `view_of`, `face`, `barycentric` and `direction` are those of rays.
+that meets a point; views, directions, faces and barycentric coordinates are those of rays.
 """
 
 # Bodies are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
 import math
+from collections import namedtuple
 from typing import Any
 
 import numpy as np
 
 from objectfolder.batch.targets import Body, scalar
-from objectfolder.vision.compiled.bounding_volumes import STACK, _first_hits, _occluded
-from objectfolder.vision.compiled.lighting import _surface_points, _unhindered
+from objectfolder.vision.compiled.bounding_volumes import STACK, BoundingVolumes, _first_hits, _occluded
+from objectfolder.vision.compiled.lighting import Triangles, _surface_points, _unhindered
 from objectfolder.vision.compiled.network_kernels import (
     _incidence,
     _interpolate,
@@ -43,17 +44,61 @@ EVEN, STRENGTH, BOUNCED, ALBEDO, FACING, ANSWERS = 0, 3, 6, 9, 12, 16
 _LEAST_COSINE = np.float32(LEAST_COSINE)
 
 
-def _cast(
-    ray, place_of, inside, objects, cameras, lens, offsets, boxes, children, counts, triangles, faces,
-    view_of, direction, face, barycentric, origin, stack, entry, hit, where,
-):  # fmt: skip
+# Views: objects, poses of cameras; focal length, width and height in pixels.
+Views = namedtuple("Views", "objects cameras lens")
+# Bounding volumes of all objects, one behind the other.
+Volumes = namedtuple("Volumes", "offsets boxes children counts triangles faces")
+# View and direction of rays, and what they meet.
+Rays = namedtuple("Rays", "view_of direction face barycentric")
+# The ray that meets each point; views and directions of rays.
+Seen = namedtuple("Seen", "ray_of view_of direction")
+# Objects of views, and their lamps.
+Lamps = namedtuple("Lamps", "objects places")
+LampTerms = namedtuple("LampTerms", "objects places terms")
+# Triangles of all objects, as of `lighting.Triangles`, and what rays meet of them.
+Meshes = namedtuple("Meshes", "corners corner_normals facets")
+Hits = namedtuple("Hits", "face barycentric")
+# Where points are, their normals and sides, and what of the lamp reaches them.
+Lit = namedtuple("Lit", "position normal side irradiance")
+# Feature grids of all objects, and widths of their highlights.
+Grids = namedtuple(
+    "Grids", "offsets resolutions table_0 table_1 table_2 table_3 lookup_0 lookup_1 lookup_2 lookup_3 alpha2"
+)
+# What the network takes of a point.
+Shaded = namedtuple("Shaded", "position normal direction irradiance")
+# The network's inputs and answers, and the lobes of highlights.
+Asked = namedtuple("Asked", "inputs lobe")
+Answered = namedtuple("Answered", "answers inputs lobe")
+# Points that may be mirrors.
+Mirrors = namedtuple("Mirrors", "facets face position normal side direction")
+# Of objects of views: whether they have mirrors, and the scale of their radiance.
+Things = namedtuple("Things", "objects mirrors radiance")
+# Working memory of a ray, and of what shades a point.
+Trace = namedtuple("Trace", "origin stack entry hit where")
+Shade = namedtuple("Shade", "start lit blocked v n stack")
+
+
+@scalar
+def volumes_of(volumes, number):
+    """Return the bounding volumes of an object, and the numbers of its first face and of the next one's."""
+    some, after = volumes.offsets[number], volumes.offsets[number + 1]
+    own = BoundingVolumes(
+        volumes.boxes[some[0] : after[0]], volumes.children[some[0] : after[0]],
+        volumes.counts[some[0] : after[0]], volumes.triangles[some[1] : after[1]],
+        volumes.faces[some[1] : after[1]],
+    )  # fmt: skip
+    return own, some[1], after[1]
+
+
+def _cast(ray, place_of, inside, views: Views, volumes: Volumes, rays: Rays, trace: Trace):
     """Write the view and the direction of a ray, and the face (-1: none) and place that it meets.
 
-    `place_of` are pixels, view by view and row by row, `inside` the places in each that have a ray, and
-    `lens` the focal length, width and height in pixels.
+    `place_of` are pixels, view by view and row by row, and `inside` the places in each that have a ray.
     """
-    rays, width, height = inside.shape[0], int(lens[1]), int(lens[2])
-    place, inner = place_of[ray // rays], ray % rays
+    (objects, cameras, lens), (origin, stack, entry, hit, where) = views, trace
+    view_of, direction, face, barycentric = rays
+    count, width, height = inside.shape[0], int(lens[1]), int(lens[2])
+    place, inner = place_of[ray // count], ray % count
     view, pixel = place // (width * height), place % (width * height)
     row, column = pixel // width, pixel % width
     view_of[ray] = view
@@ -67,13 +112,9 @@ def _cast(
         squared += value * value
     for axis in range(3):
         direction[ray, axis] /= math.sqrt(squared)
-    some, after = offsets[objects[view]], offsets[objects[view] + 1]
+    own, _, _ = volumes_of(volumes, objects[view])
     hit[0] = -1
-    _first_hits(
-        boxes[some[0] : after[0]], children[some[0] : after[0]], counts[some[0] : after[0]],
-        triangles[some[1] : after[1]], faces[some[1] : after[1]], origin, direction[ray : ray + 1], stack,
-        entry, hit, where,
-    )  # fmt: skip
+    _first_hits(own, origin, direction[ray : ray + 1], stack, entry, hit, where)
     face[ray] = hit[0]
     if hit[0] >= 0:
         for corner in range(3):
@@ -81,68 +122,53 @@ def _cast(
 
 
 def _light(
-    point, ray_of, view_of, objects, lights, offsets, boxes, children, counts, triangles, corners,
-    corner_normals, facets, face, barycentric, direction, position, normal, side, irradiance, start, lit,
-    blocked, v, n, stack,
+    point, seen: Seen, lamps: Lamps, volumes: Volumes, meshes: Meshes, hits: Hits, points: Lit, shade: Shade
 ):  # fmt: skip
     """Write where a point is, its normal, and what of the lamp reaches it past the object."""
-    ray, row = ray_of[point], slice(point, point + 1)
-    view, beam = view_of[ray], slice(ray, ray + 1)
-    some, after = offsets[objects[view]], offsets[objects[view] + 1]
-    own, normals, flat = (
-        corners[some[1] : after[1]], corner_normals[some[1] : after[1]], facets[some[1] : after[1]]
+    (position, normal, side, irradiance), (start, lit, blocked, v, n, stack) = points, shade
+    ray, row = seen.ray_of[point], slice(point, point + 1)
+    view, beam = seen.view_of[ray], slice(ray, ray + 1)
+    own, first, end = volumes_of(volumes, lamps.objects[view])
+    surface = Triangles(
+        meshes.corners[first:end], meshes.corner_normals[first:end], meshes.facets[first:end]
     )  # fmt: skip
-    lamp = lights[view : view + 1]
+    lamp, face, barycentric = lamps.places[view : view + 1], hits.face[beam], hits.barycentric[beam]
     _surface_points(
-        face[beam], barycentric[beam], direction[beam], own, normals, flat, position[row], normal[row],
-        side[row],
+        face, barycentric, seen.direction[beam], surface, position[row], normal[row], side[row]
     )  # fmt: skip
     irradiance[point] = 0.0
-    _unhindered(
-        face[beam], barycentric[beam], position[row], normal[row], side[row], lamp, own, normals, flat,
-        TERMINATOR_COSINE, SELF_OFFSET, irradiance[row], start, v, n,
-    )  # fmt: skip
+    met = face, barycentric, position[row], normal[row], side[row]
+    _unhindered(met, lamp, surface, TERMINATOR_COSINE, SELF_OFFSET, irradiance[row], start, (v, n))
     lit[0], blocked[0] = irradiance[point] > 0, False
-    _occluded(
-        boxes[some[0] : after[0]], children[some[0] : after[0]], counts[some[0] : after[0]],
-        triangles[some[1] : after[1]], start, lamp, lit, stack, blocked,
-    )  # fmt: skip
+    _occluded(own, start, lamp, lit, stack, blocked)
     if blocked[0]:
         irradiance[point] = 0.0
 
 
 def _inputs(
-    point, ray_of, view_of, objects, lights, lamp_terms, grid_offsets, resolutions, first_table, second_table,
-    third_table, fourth_table, first_lookup, second_lookup, third_lookup, fourth_lookup, alpha2, position,
-    normal, direction, irradiance, inputs, lobe, to_light,
+    point, ray_of, view_of, lamps: LampTerms, grids: Grids, shaded: Shaded, asked: Asked, to_light
 ):  # fmt: skip
     """Write the network's inputs of a point, a column of `inputs`, and the lobe of its highlight."""
+    (objects, lights, lamp_terms), (inputs, lobe) = lamps, asked
+    position, normal, direction, irradiance = shaded
     ray = ray_of[point]
     view = view_of[ray]
     thing = objects[view]
-    some, after, sides = grid_offsets[thing], grid_offsets[thing + 1], resolutions[thing]
-    x, y, z = position[point, 0], position[point, 1], position[point, 2]
+    some, after, sides = grids.offsets[thing], grids.offsets[thing + 1], grids.resolutions[thing]
+    place = position[point, 0], position[point, 1], position[point, 2]
     row = np.int64(0)
-    _interpolate(
-        first_table[some[0] : after[0]], first_lookup[some[4] : after[4]], sides[0], HALF_WIDTH, x, y, z,
-        inputs, row, point,
-    )  # fmt: skip
-    row += first_table.shape[1]
-    _interpolate(
-        second_table[some[1] : after[1]], second_lookup[some[5] : after[5]], sides[1], HALF_WIDTH, x, y, z,
-        inputs, row, point,
-    )  # fmt: skip
-    row += second_table.shape[1]
-    _interpolate(
-        third_table[some[2] : after[2]], third_lookup[some[6] : after[6]], sides[2], HALF_WIDTH, x, y, z,
-        inputs, row, point,
-    )  # fmt: skip
-    row += third_table.shape[1]
-    _interpolate(
-        fourth_table[some[3] : after[3]], fourth_lookup[some[7] : after[7]], sides[3], HALF_WIDTH, x, y, z,
-        inputs, row, point,
-    )  # fmt: skip
-    row += fourth_table.shape[1]
+    level = grids.table_0[some[0] : after[0]], grids.lookup_0[some[4] : after[4]], sides[0]
+    _interpolate(level, HALF_WIDTH, place, inputs, row, point)
+    row += grids.table_0.shape[1]
+    level = grids.table_1[some[1] : after[1]], grids.lookup_1[some[5] : after[5]], sides[1]
+    _interpolate(level, HALF_WIDTH, place, inputs, row, point)
+    row += grids.table_1.shape[1]
+    level = grids.table_2[some[2] : after[2]], grids.lookup_2[some[6] : after[6]], sides[2]
+    _interpolate(level, HALF_WIDTH, place, inputs, row, point)
+    row += grids.table_2.shape[1]
+    level = grids.table_3[some[3] : after[3]], grids.lookup_3[some[7] : after[7]], sides[3]
+    _interpolate(level, HALF_WIDTH, place, inputs, row, point)
+    row += grids.table_3.shape[1]
     squared = 0.0
     for axis in range(3):
         to_light[axis] = lights[view, axis] - position[point, axis]
@@ -150,7 +176,7 @@ def _inputs(
     for axis in range(3):
         to_light[axis] /= max(math.sqrt(squared), 1e-9)
     lobe[point] = _incidence(
-        normal[point], direction[ray], to_light, alpha2[thing], _LEAST_COSINE, inputs, row, point
+        normal[point], direction[ray], to_light, grids.alpha2[thing], _LEAST_COSINE, inputs, row, point
     )
     _surroundings(
         position[point], normal[point], direction[ray], lights[view], irradiance[point], inputs,
@@ -164,16 +190,16 @@ def _inputs(
 
 
 def _mirror(
-    point, ray_of, view_of, objects, offsets, boxes, children, counts, triangles, faces, facets, face,
-    position, normal, side, direction, met_view, met_direction, met_face, met_barycentric, origin, stack,
-    entry, hit, where,
+    point, ray_of, view_of, objects, volumes: Volumes, mirrors: Mirrors, met: Rays, trace: Trace
 ):  # fmt: skip
     """Write what the mirror ray of a point meets, as `incidence.mirror_rays` and `first_hits` do."""
+    facets, face, position, normal, side, direction = mirrors
+    met_view, met_direction, met_face, met_barycentric = met
+    origin, stack, entry, hit, where = trace
     ray = ray_of[point]
-    thing = objects[view_of[ray]]
     met_view[point] = view_of[ray]
-    some, after = offsets[thing], offsets[thing + 1]
-    flat = facets[some[1] + face[ray]]
+    own, first, _ = volumes_of(volumes, objects[view_of[ray]])
+    flat = facets[first + face[ray]]
     camera, rise, squared = 0.0, 0.0, 0.0
     for axis in range(3):
         camera -= normal[point, axis] * direction[ray, axis]
@@ -188,11 +214,7 @@ def _mirror(
     for axis in range(3):
         met_direction[point, axis] /= math.sqrt(squared)
     hit[0] = -1
-    _first_hits(
-        boxes[some[0] : after[0]], children[some[0] : after[0]], counts[some[0] : after[0]],
-        triangles[some[1] : after[1]], faces[some[1] : after[1]], origin, met_direction[point : point + 1],
-        stack, entry, hit, where,
-    )  # fmt: skip
+    _first_hits(own, origin, met_direction[point : point + 1], stack, entry, hit, where)
     met_face[point] = hit[0]
     if hit[0] >= 0:
         for corner in range(3):
@@ -209,10 +231,9 @@ def _reflected(point, c, answers, facing, fifth, lobe):
     return _sigmoid(answers[point, ALBEDO + c]) * even + gloss * lobe
 
 
-def _reflect(
-    point, ray_of, view_of, objects, mirrors, answers, inputs, lobe, irradiance, reflected
-):  # fmt: skip
+def _reflect(point, ray_of, view_of, objects, mirrors, answered: Answered, irradiance, reflected):
     """Write what a point reflects of the lamp to the mirror that its ray left, (points, 3)."""
+    answers, inputs, lobe = answered
     ray = ray_of[point]
     if mirrors[objects[view_of[ray]]]:
         fifth, light = inputs[FEATURE_ROWS + 7, point], np.float32(irradiance[point])
@@ -221,12 +242,12 @@ def _reflect(
 
 
 def _colour(
-    point, ray_of, view_of, objects, mirrors, radiance, answers, inputs, lobe, irradiance, normal, direction,
-    reflected, colours,
+    point, seen: Seen, things: Things, answered: Answered, irradiance, normal, reflected, colours
 ):  # fmt: skip
     """Write the RGBA of the ray that meets a point; `reflected` (points, 3) matters to mirrors."""
-    ray = ray_of[point]
-    thing = objects[view_of[ray]]
+    (objects, mirrors, radiance), (answers, inputs, lobe) = things, answered
+    ray, direction = seen.ray_of[point], seen.direction
+    thing = objects[seen.view_of[ray]]
     facing, light = mirrors[thing], np.float32(irradiance[point])
     fifth, rim = inputs[FEATURE_ROWS + 7, point], np.float32(0.0)
     if facing:

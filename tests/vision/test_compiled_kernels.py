@@ -104,7 +104,7 @@ def test_chosen_samples_are_members_of_their_groups_and_weigh_what_these_cover()
     offsets = (sub_ray_offsets(16) - 0.5).astype(np.float32)
     wanted = random.integers(0, 5, size=50)
     pixel, sample, group, weight = choose_samples(
-        label, 2 * GROUPS, offsets[:, 0].copy(), offsets[:, 1].copy(), wanted, TARGETS
+        label, 2 * GROUPS, np.ascontiguousarray(offsets.T), wanted, TARGETS
     )
     np.testing.assert_array_equal(label[pixel, sample], group)
     assert len(np.unique(np.stack([pixel, sample]), axis=1).T) == len(pixel)

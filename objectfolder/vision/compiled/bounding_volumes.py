@@ -7,7 +7,7 @@ rounding, triangles in double (Möller and Trumbore 1997), both sides.
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ STACK = 128
 ALIKE = 1e-9
 
 
-@dataclass(frozen=True)
-class BoundingVolumes:
+class BoundingVolumes(NamedTuple):
     """Boxes (n, 2, 6) float32 of the two children of each node, and what they are.
 
     Parameters
@@ -63,10 +62,7 @@ class BoundingVolumes:
         """Return face (n,) int32 (-1: none) and barycentric coordinates (n, 3) of each ray's first hit."""
         face, barycentric = np.full(len(origins), -1, dtype=np.int32), np.zeros((len(origins), 3))
         stack, entry = np.empty(STACK, dtype=np.int32), np.empty(STACK, dtype=np.float32)
-        _first_hits(
-            self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions,
-            stack, entry, face, barycentric,
-        )  # fmt: skip
+        _first_hits(self, origins, directions, stack, entry, face, barycentric)
         return face, barycentric
 
     def front_faces(
@@ -88,10 +84,8 @@ class BoundingVolumes:
         """
         face = np.empty((len(origins), most), dtype=np.int32)
         place, count = np.empty((len(origins), most, 3)), np.zeros(len(origins), dtype=np.int64)
-        _front_faces(
-            self.boxes, self.children, self.counts, self.triangles, self.faces, origins, directions, reach,
-            np.empty(STACK, dtype=np.int32), face, place, count,
-        )  # fmt: skip
+        stack = np.empty(STACK, dtype=np.int32)
+        _front_faces(self, origins, directions, reach, stack, face, place, count)
         ray, rank = np.nonzero(np.arange(most) < count[:, None])
         second, third = place[ray, rank, 1], place[ray, rank, 2]
         return ray, face[ray, rank], np.stack([1 - second - third, second, third], axis=1)
@@ -102,10 +96,7 @@ class BoundingVolumes:
         Of those alone where `mask` (n,) is true.
         """
         targets, blocked = target.reshape(-1, 3), np.zeros(len(origins), dtype=bool)
-        _occluded(
-            self.boxes, self.children, self.counts, self.triangles, origins, targets, mask,
-            np.empty(STACK, dtype=np.int32), blocked,
-        )  # fmt: skip
+        _occluded(self, origins, targets, mask, np.empty(STACK, dtype=np.int32), blocked)
         return blocked
 
 
@@ -249,9 +240,8 @@ def _meet(triangle, ox, oy, oz, dx, dy, dz):
 
 
 @arrayless(kernel)
-def _first_hits(
-    boxes, children, counts, triangles, faces, origins, directions, stack, entry, found, barycentric
-):
+def _first_hits(volumes, origins, directions, stack, entry, found, barycentric):
+    boxes, children, counts, triangles, faces = volumes
     for ray in range(len(origins)):
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
@@ -289,10 +279,9 @@ def _first_hits(
 
 
 @arrayless(kernel)
-def _front_faces(
-    boxes, children, counts, triangles, faces, origins, directions, reach, stack, found, place, number
-):
+def _front_faces(volumes, origins, directions, reach, stack, found, place, number):
     """Write what `BoundingVolumes.front_faces` parts: place (n, most, 3) is distance and two coordinates."""
+    boxes, children, counts, triangles, faces = volumes
     most = found.shape[1]
     for ray in range(len(origins)):
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
@@ -342,7 +331,8 @@ def _front_faces(
 
 
 @arrayless(kernel)
-def _occluded(boxes, children, counts, triangles, origins, targets, mask, stack, blocked):
+def _occluded(volumes, origins, targets, mask, stack, blocked):
+    boxes, children, counts, triangles, _ = volumes
     one = np.float32(1.0)
     for ray in range(len(origins)):
         if not mask[ray]:

@@ -79,8 +79,8 @@ GROUPS = 8
 
 
 def group_samples(
-    seen: np.ndarray, nearness: np.ndarray, columns: np.ndarray, rows: np.ndarray, functions: np.ndarray,
-    facets: np.ndarray, offsets_x: np.ndarray, offsets_y: np.ndarray, slant: float,
+    seen: np.ndarray, nearness: np.ndarray, centres: tuple[np.ndarray, np.ndarray], functions: np.ndarray,
+    facets: np.ndarray, offsets: np.ndarray, slant: float,
 ) -> np.ndarray:  # fmt: skip
     """Return the group (p, s) int8 of each sub-sample, -1 where nothing is seen.
 
@@ -88,28 +88,26 @@ def group_samples(
     ----------
     seen, nearness
         (p, s) as of `rasteriser.rasterise`.
-    columns, rows
-        (p,) centres of the pixels.
+    centres
+        Columns and rows (p,) of the centres of the pixels.
     functions
         As of `rasteriser.edge_functions`.
     facets
         (F, 3) unit normals, in any one frame.
-    offsets_x, offsets_y
-        (s,).
+    offsets
+        (2, s) of the sub-samples from the centre.
     slant
         Width of a pixel at distance 1.
     """
     label, first = np.full(seen.shape, -1, dtype=np.int8), np.empty(GROUPS, dtype=np.int64)
-    _group_samples(
-        seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant, first, label
-    )
+    _group_samples(seen, nearness, centres, (functions, facets), offsets, slant, first, label)
     return label
 
 
 @arrayless(kernel)
-def _group_samples(
-    seen, nearness, columns, rows, functions, facets, offsets_x, offsets_y, slant, first, label
-):
+def _group_samples(seen, nearness, centres, faces, offsets, slant, first, label):
+    (columns, rows), (functions, facets) = centres, faces
+    offsets_x, offsets_y = offsets[0], offsets[1]
     pixels, count = seen.shape
     for p in range(pixels):
         groups = 0
@@ -150,9 +148,8 @@ def _group_samples(
 
 
 def choose_samples(
-    label: np.ndarray, groups: int, offsets_x: np.ndarray, offsets_y: np.ndarray, wanted: np.ndarray,
-    targets: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    label: np.ndarray, groups: int, offsets: np.ndarray, wanted: np.ndarray, targets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Choose up to `wanted` spread sub-samples to stand for each group.
 
     Parameters
@@ -161,8 +158,8 @@ def choose_samples(
         (p, s) int8 groups from 0, -1: none.
     groups
         Most groups a pixel has.
-    offsets_x, offsets_y
-        (s,).
+    offsets
+        (2, s).
     wanted
         (p,) int64 how many a group.
     targets
@@ -181,25 +178,29 @@ def choose_samples(
     room = int(np.minimum(count, wanted * groups).sum())
     pixel, sample = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
     group, weight = np.empty(room, dtype=np.int8), np.empty(room, dtype=np.float32)
-    total = _choose_samples(
-        label, offsets_x, offsets_y, wanted, targets,
+    whole = (
         np.empty((most, most), dtype=np.int64), np.empty((most, most), dtype=np.float32),
-        np.zeros(most, dtype=bool), np.empty((groups, count), dtype=np.int64),
-        np.empty(groups, dtype=np.int64), np.empty((4, count), dtype=np.float32),
-        pixel, sample, group, weight,
+        np.zeros(most, dtype=bool),
     )  # fmt: skip
+    working = (
+        np.empty((groups, count), dtype=np.int64), np.empty(groups, dtype=np.int64),
+        np.empty((4, count), dtype=np.float32),
+    )  # fmt: skip
+    chosen = pixel, sample, group, weight
+    total = _choose_samples(label, offsets, wanted, targets, whole, working, chosen)
     return pixel[:total], sample[:total], group[:total], weight[:total]
 
 
 @arrayless(kernel)
-def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, whole_weight, whole_known,
-                    members, sizes, near, pixel, sample, group, weight):  # fmt: skip
+def _choose_samples(label, offsets, wanted, targets, whole_pixels, working, chosen):
     """Write the answer of `choose_samples`, and return how many samples there are.
 
-    A pixel of one group has the same samples chosen every time: row k - 1 of `whole_sample` and
-    `whole_weight`, once it is known. Working memory are `members` (groups, s), `sizes` (groups,) and `near`
-    (4, s).
+    A pixel of one group has the same samples chosen every time: row k - 1 of the samples and weights of
+    `whole_pixels`, once it is known. Working memory are members (groups, s) and sizes (groups,) of groups,
+    and (4, s) numbers.
     """
+    whole_sample, whole_weight, whole_known = whole_pixels
+    (members, sizes, near), (pixel, sample, group, weight) = working, chosen
     pixels, count = label.shape
     groups = len(sizes)
     total = np.int64(0)  # a literal would have `_stand_for` compiled twice
@@ -229,7 +230,7 @@ def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, 
                 continue
             start = total
             total = _stand_for(
-                members[g], sizes[g], offsets_x, offsets_y, targets[k - 1], k, near, sample, weight, total
+                members[g], sizes[g], offsets, targets[k - 1], k, near, (sample, weight), total
             )
             for j in range(start, total):
                 pixel[j], group[j] = p, g
@@ -241,11 +242,12 @@ def _choose_samples(label, offsets_x, offsets_y, wanted, targets, whole_sample, 
 
 
 @arrayless(kernel)
-def _stand_for(members, size, offsets_x, offsets_y, targets, most, near, sample, weight, total):
+def _stand_for(members, size, offsets, targets, most, near, chosen, total):
     """Write up to `most` of `members` (>= size,) and the shares nearest to each from row `total` on.
 
     Return the row after them. Working memory are `near` (4, s): places of the members, and of those chosen.
     """
+    offsets_x, offsets_y, (sample, weight) = offsets[0], offsets[1], chosen
     low_x, high_x = np.float32(1.0), np.float32(-1.0)
     low_y, high_y = np.float32(1.0), np.float32(-1.0)
     x, y, chosen_x, chosen_y = near[0], near[1], near[2], near[3]

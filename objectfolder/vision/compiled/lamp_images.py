@@ -95,7 +95,7 @@ def _find_shadows(
         pixel, sample = samples_to_ask(label, inside, rays, GROUPS)
         points = shading.points(view, *view.places(samples, pixel, sample))
         _, hidden = shading.surface.light_from(points, light)
-        split_groups(label, pixel, sample, hidden, samples.offsets_x, samples.offsets_y, GROUPS)
+        split_groups(label, pixel, sample, hidden, samples.offsets[0], samples.offsets[1], GROUPS)
         labels.append(label)
     return labels, state, split
 

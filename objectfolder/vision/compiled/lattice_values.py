@@ -22,13 +22,12 @@ class LatticeLookup:
     """
 
     def __init__(self, lattice: FaceLattice) -> None:
-        self._grids = lattice.grids
-        self._owner = lattice.owner.astype(np.int32)
+        self._places = *lattice.grids, lattice.owner.astype(np.int32)
 
     def interpolate(self, values: np.ndarray, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         """Return (n, c) float64 of values (size, c) at barycentric coordinates (n, 3) of faces (n,)."""
         answer = np.empty((len(face), values.shape[1]))
-        _interpolate(*self._grids, self._owner, values, face, barycentric, answer)
+        _interpolate(self._places, values, face, barycentric, answer)
         return answer
 
 
@@ -64,7 +63,8 @@ def mix(values: np.ndarray, rows: np.ndarray, shares: np.ndarray) -> np.ndarray:
 
 
 @arrayless(kernel)
-def _interpolate(corners, columns, rows, start, owner, values, face, barycentric, answer):
+def _interpolate(places, values, face, barycentric, answer):
+    corners, columns, rows, start, owner = places
     for n in range(len(face)):
         f = face[n]
         x = min(max(barycentric[n, corners[f, 1]], 0.0), 1.0) * columns[f]

@@ -5,6 +5,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,14 @@ class Points:
         return Points(*(column[row] for column in vars(self).values()))
 
 
+class Triangles(NamedTuple):
+    """Corners (F, 3, 3) in the unit frame, shading normals (F, 3, 3) there, unit normals (F, 3)."""
+
+    corners: np.ndarray
+    corner_normals: np.ndarray
+    facets: np.ndarray
+
+
 class LitSurface:
     """A surface in arrays that kernels take, and its bounding volumes."""
 
@@ -53,19 +62,16 @@ class LitSurface:
         self.vertices = surface.frame.to_unit(surface.surface.vertices)
         self.faces = surface.surface.faces
         self.facets = np.ascontiguousarray(surface.surface.face_normals)
-        self._triangles = np.ascontiguousarray(surface.triangles)
-        self._corner_normals = np.ascontiguousarray(surface.surface.corner_normals)
-        self.volumes = BoundingVolumes.of_triangles(self._triangles)
+        corner_normals = np.ascontiguousarray(surface.surface.corner_normals)
+        self._triangles = Triangles(np.ascontiguousarray(surface.triangles), corner_normals, self.facets)
+        self.volumes = BoundingVolumes.of_triangles(self._triangles.corners)
         self._unit = surface
 
     def points(self, face: np.ndarray, barycentric: np.ndarray, direction: np.ndarray) -> Points:
         """Return the points of faces (n,) at barycentric coordinates (n, 3) that rays (n, 3) meet."""
         count = len(face)
         position, upright, side = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-        _surface_points(
-            face, barycentric, direction, self._triangles, self._corner_normals, self.facets,
-            position, upright, side,
-        )  # fmt: skip
+        _surface_points(face, barycentric, direction, self._triangles, position, upright, side)
         normal = self._unit.bent(face, barycentric, upright, side)
         return Points(face, barycentric, direction, position, normal, upright, side)
 
@@ -75,11 +81,9 @@ class LitSurface:
         As `incidence.UnitSurface.incidence` and `incidence.shadow_ray_start`; lights are (1, 3) or (n, 3).
         """
         irradiance, start = np.zeros(len(points.face)), np.zeros((len(points.face), 3))
-        _unhindered(
-            points.face, points.barycentric, points.position, points.upright, points.side, lights,
-            self._triangles, self._corner_normals, self.facets, TERMINATOR_COSINE, SELF_OFFSET,
-            irradiance, start, np.empty((3, 3)), np.empty((3, 3)),
-        )  # fmt: skip
+        met = points.face, points.barycentric, points.position, points.upright, points.side
+        working = np.empty((3, 3)), np.empty((3, 3))
+        _unhindered(met, lights, self._triangles, TERMINATOR_COSINE, SELF_OFFSET, irradiance, start, working)
         return irradiance, start
 
     def light_from(
@@ -107,8 +111,9 @@ class LitSurface:
 
 
 @arrayless(kernel)
-def _surface_points(face, barycentric, directions, triangles, corner_normals, facets, position, normal, side):
+def _surface_points(face, barycentric, directions, surface, position, normal, side):
     """Write position and shading normal (n, 3), and the side seen (n,): -1.0 the back."""
+    triangles, corner_normals, facets = surface
     for i in range(len(face)):
         f = face[i]
         b0, b1, b2 = barycentric[i, 0], barycentric[i, 1], barycentric[i, 2]
@@ -132,9 +137,14 @@ def _surface_points(face, barycentric, directions, triangles, corner_normals, fa
 
 
 @arrayless(kernel)
-def _unhindered(face, barycentric, position, normal, side, lights, triangles, corner_normals, facets,
-                terminator_cosine, self_offset, irradiance, start, v, n):  # fmt: skip
-    """Write the answer of `LitSurface.unhindered`; working memory are `v` and `n` (3, 3)."""
+def _unhindered(points, lights, surface, terminator_cosine, self_offset, irradiance, start, working):
+    """Write the answer of `LitSurface.unhindered`.
+
+    `points` are faces, barycentric coordinates, positions, shading normals and sides; working memory are two
+    (3, 3).
+    """
+    face, barycentric, position, normal, side = points
+    (triangles, corner_normals, facets), (v, n) = surface, working
     for i in range(len(face)):
         f = face[i]
         light = lights[i % len(lights)]

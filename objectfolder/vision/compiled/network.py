@@ -96,11 +96,9 @@ class CompiledNetwork:
         def single(name: str) -> np.ndarray:
             return np.ascontiguousarray(weights[name], dtype=np.float32)
 
-        self._tables = tuple(single(f"tables.{level}") for level in range(GRID_LEVELS))
-        self._lookups = grid.lookups
-        self._resolutions = np.array(
-            [grid.resolution >> (GRID_LEVELS - 1 - level) for level in range(GRID_LEVELS)]
-        )
+        tables = tuple(single(f"tables.{level}") for level in range(GRID_LEVELS))
+        sides = np.array([grid.resolution >> (GRID_LEVELS - 1 - level) for level in range(GRID_LEVELS)])
+        self._levels = tables, grid.lookups, sides, HALF_WIDTH
         layers = [single(f"direct.{layer}.{kind}") for layer in (0, 2, 4) for kind in ("weight", "bias")]
         self._direct = tuple(layers)
         bounced = single("bounced.0.weight")
@@ -159,10 +157,8 @@ class CompiledNetwork:
         """Return features (n, f) and albedo (n, 3) of points, float32."""
         count, terms = len(points.face), self._albedo[0].shape[1]
         features, albedo = _rows(count, terms - 3), _rows(count, 3)
-        _features(
-            points.position, points.normal, self._tables, self._lookups, self._resolutions, HALF_WIDTH,
-            *self._albedo, _rows(terms, NETWORK_POINTS), _rows(3, NETWORK_POINTS), features, albedo,
-        )  # fmt: skip
+        working = _rows(terms, NETWORK_POINTS), _rows(3, NETWORK_POINTS)
+        _features(points.position, points.normal, self._levels, self._albedo, working, features, albedo)
         return features, albedo
 
     def reflected(
@@ -172,12 +168,10 @@ class CompiledNetwork:
 
         These are (m, 3) float32: the even part over the albedo, and the highlight.
         """
-        even, gloss = _rows(len(row), 3), _rows(len(row), 3)
-        _reflected(
-            row, to_light, features, points.normal, points.direction, self._direct, self._facing,
-            self.mirrors, alpha2, np.float32(network_layout.LEAST_COSINE), even, gloss,
-        )  # fmt: skip
-        return even, gloss
+        answer = _rows(len(row), 3), _rows(len(row), 3)
+        places, width = (features, points.normal, points.direction), np.float32(network_layout.LEAST_COSINE)
+        _reflected((row, to_light), places, self._direct, self._facing, self.mirrors, (alpha2, width), answer)
+        return answer
 
     def lamps(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return lamps at (l, 3) as `bounced` takes them: with what they alone add to its first layer."""
@@ -197,10 +191,8 @@ class CompiledNetwork:
             (n,) int64 lamp of each point, and what of it reaches the point.
         """
         answer = _rows(len(which), 3)
-        _bounced(
-            which, *lamps, irradiance, points.position, features, points.normal, points.direction,
-            self._bounced, answer,
-        )  # fmt: skip
+        places = points.position, features, points.normal, points.direction
+        _bounced(which, lamps, irradiance, places, self._bounced, answer)
         return answer
 
 

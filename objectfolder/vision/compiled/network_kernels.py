@@ -17,8 +17,12 @@ NEAREST = 1e-3
 
 
 @arrayless(relaxed_kernel)
-def _interpolate(table, lookup, resolution, half_width, x, y, z, features, first, s):
-    """Write the features of one level at a point to features[first:, s]: `SparseGrid.interpolation`."""
+def _interpolate(level, half_width, point, features, first, s):
+    """Write the features of one level at a point to features[first:, s]: `SparseGrid.interpolation`.
+
+    A level is its table, lookup and resolution.
+    """
+    (table, lookup, resolution), (x, y, z) = level, point
     one, zero = np.float32(1.0), np.float32(0.0)
     scale, limit = resolution / (2 * half_width), resolution * (1 - 1e-7)
     px = min(max((x + half_width) * scale, 0.0), limit)
@@ -112,29 +116,32 @@ def _schlick(facing, rim):
 
 
 @arrayless(relaxed_kernel)
-def _features(position, normal, tables, lookups, resolutions, half_width, albedo, albedo_bias,
-              inputs, out, features, base):  # fmt: skip
-    """Write features (n, f) of points and their albedo (n, 3); `inputs` and `out` are working memory."""
+def _features(position, normal, grid, albedo, working, features, base):
+    """Write features (n, f) of points and their albedo (n, 3).
+
+    `grid` are tables, lookups and resolutions of its levels, and half its width; `albedo` weights and biases.
+    """
+    (tables, lookups, resolutions, half_width), (weight, bias), (inputs, out) = grid, albedo, working
     count = len(position)
     for start in range(0, count, NETWORK_POINTS):
         row = np.int64(0)  # a literal would have `_interpolate` compiled twice
         for level in range(4):
-            table, lookup, resolution = tables[level], lookups[level], resolutions[level]
+            arrays = tables[level], lookups[level], resolutions[level]
             for s in range(NETWORK_POINTS):
                 i = min(start + s, count - 1)
-                _interpolate(table, lookup, resolution, half_width,
-                             position[i, 0], position[i, 1], position[i, 2], inputs, row, s)  # fmt: skip
-            row += table.shape[1]
+                point = position[i, 0], position[i, 1], position[i, 2]
+                _interpolate(arrays, half_width, point, inputs, row, s)
+            row += tables[level].shape[1]
         for s in range(NETWORK_POINTS):
             i = min(start + s, count - 1)
             for axis in range(3):
                 inputs[row + axis, s] = normal[i, axis]
-        _product(albedo, inputs, out)
+        _product(weight, inputs, out)
         for s in range(min(NETWORK_POINTS, count - start)):
             for term in range(row):
                 features[start + s, term] = inputs[term, s]
             for channel in range(3):
-                base[start + s, channel] = _sigmoid(out[channel, s] + albedo_bias[channel])
+                base[start + s, channel] = _sigmoid(out[channel, s] + bias[channel])
 
 
 @arrayless(relaxed_kernel)
@@ -174,17 +181,24 @@ def _incidence(normal, direction, to_light, alpha2, least_cosine, inputs, a, s):
 
 
 @relaxed_kernel
-def _reflected(row, to_light, features, normal, direction, direct, facing, mirrors, alpha2, least_cosine,
-               even, gloss):  # fmt: skip
+def _reflected(lit, points, direct, facing, mirrors, lobe_width, reflected):
     """Write (m, 3) what is reflected evenly over the albedo, and in the highlight, of pairs (m,).
 
     Parameters
     ----------
-    row, to_light
+    lit
         Point (m,) of each pair, and unit direction (m, 3) of its light.
-    features, normal, direction
-        Of the points, the last of the rays that meet them.
+    points
+        Features and normals of the points, and directions of the rays that meet them.
+    direct, facing
+        Weights and biases of the layers.
+    mirrors
+        Whether the highlight is a mirror's.
+    lobe_width
+        Squared GGX width of the highlight, and the least cosine.
     """
+    (row, to_light), (features, normal, direction) = lit, points
+    (alpha2, least_cosine), (even, gloss) = lobe_width, reflected
     pairs, count = len(row), features.shape[1]
     # Here and not by the caller: LLVM sees that they are apart, and is 7 % faster.
     inputs = np.empty((direct[0].shape[1], NETWORK_POINTS), np.float32)
@@ -251,12 +265,13 @@ def _surroundings(position, normal, direction, light, irradiance, inputs, b, s):
 
 
 @relaxed_kernel
-def _bounced(which, lamps, shifts, irradiance, position, features, normal, direction, bounced,
-             answer):  # fmt: skip
+def _bounced(which, lamps_shifts, irradiance, points, bounced, answer):
     """Write (n, 3) bounced light over the albedo of points, each with one of the lamps (l, 3).
 
-    `shifts` (l, width) are the first layer's biases with what the lamp's place adds to them.
+    With the lamps come (l, width) the first layer's biases with what the lamp's place adds to them; `points`
+    are positions, features, normals and directions of the rays that meet them.
     """
+    (lamps, shifts), (position, features, normal, direction) = lamps_shifts, points
     count = len(which)
     zero = np.float32(0.0)
     b = bounced[0].shape[1] - 19

@@ -67,9 +67,10 @@ class Principled:
             (n,) in 0..1.
         """
         terms = np.empty((len(base), PRINCIPLED_TERMS), dtype=np.float32)
+        material, tables = (base, roughness, metallic), (self._white, self._mean, self._rise)
         _terms(
-            points.normal, points.direction, base, roughness, metallic, self._white, self._mean, self._rise,
-            self._upright, self._upright_mean, LEAST_ROUGHNESS, terms,
+            points.normal, points.direction, material, tables, self._upright, self._upright_mean,
+            LEAST_ROUGHNESS, terms,
         )  # fmt: skip
         return terms
 
@@ -95,9 +96,8 @@ class Principled:
         """
         even = np.empty((len(row), 3), dtype=np.float32)
         gloss = np.empty((len(row), 3), dtype=np.float32)
-        _reflected(
-            row, to_light, points.normal, points.upright, points.direction, terms, self._index, even, gloss,
-        )  # fmt: skip
+        lit = row, to_light
+        _reflected(lit, points.normal, points.upright, points.direction, terms, self._index, even, gloss)
         return even, gloss
 
 
@@ -112,9 +112,9 @@ def _between(table, row, column):
 
 
 @arrayless(kernel)
-def _terms(normal, direction, base, roughness, metallic, white, mean, rise, upright, upright_mean,
-           least_roughness, terms):  # fmt: skip
+def _terms(normal, direction, material, tables, upright, upright_mean, least_roughness, terms):
     """Write the answer of `Principled.terms`."""
+    (base, roughness, metallic), (white, mean, rise) = material, tables
     cells, coat_cells = len(mean) - 1, len(rise) - 1
     for i in range(len(base)):
         cosine, rough = 0.0, min(max(roughness[i], 0.0), 1.0)
@@ -145,8 +145,9 @@ def _terms(normal, direction, base, roughness, metallic, white, mean, rise, upri
 
 
 @arrayless(kernel)
-def _reflected(row, to_light, normal, upright, direction, terms, index, even, gloss):
+def _reflected(lit, normal, upright, direction, terms, index, even, gloss):
     """Write the answer of `Principled.reflected`."""
+    row, to_light = lit
     for pair in range(len(row)):
         i = row[pair]
         for channel in range(3):

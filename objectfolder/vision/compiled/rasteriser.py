@@ -66,7 +66,7 @@ def edge_functions(
 
 
 @arrayless(relaxed_kernel)
-def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, nearness):
+def rasterise(functions, reach, slots, corner, offsets, seen, nearness):
     """Write the nearest face at each sub-sample of the pixels that have a slot.
 
     Parameters
@@ -75,14 +75,15 @@ def rasterise(functions, reach, slots, top, left, offsets_x, offsets_y, seen, ne
         As of `edge_functions`.
     slots
         (h, w) int32: row of the results for each pixel of a window of the image, or -1.
-    top, left
-        Where the window begins.
-    offsets_x, offsets_y
-        (s,) float32 sub-samples from the centre of the pixel.
+    corner
+        Top and left, where the window begins.
+    offsets
+        (2, s) float32 of the sub-samples from the centre of the pixel.
     seen, nearness
         (slots, s) int32 face (-1 at first) and float32 one over depth (0 at first); changed.
     """
-    height, width = slots.shape
+    (height, width), (top, left) = slots.shape, corner
+    offsets_x, offsets_y = offsets[0], offsets[1]
     count = len(offsets_x)
     for face in range(len(functions)):
         low_x, high_x = max(reach[face, 0] - left, 0.0), min(reach[face, 1] - left, width * 1.0)
@@ -135,16 +136,14 @@ def meet_planes(
         (n, 3), (n,) along the camera's -z, and (n, 3) unit vectors in the world.
     """
     barycentric, depth, direction = np.empty((len(face), 3)), np.empty(len(face)), np.empty((len(face), 3))
-    _meet_planes(
-        functions, face, x, y, camera_to_world, focal, centre_x, centre_y, barycentric, depth, direction
-    )
+    camera = camera_to_world, focal, centre_x, centre_y
+    _meet_planes(functions, face, x, y, camera, barycentric, depth, direction)
     return barycentric, depth, direction
 
 
 @arrayless(kernel)
-def _meet_planes(
-    functions, face, x, y, camera_to_world, focal, centre_x, centre_y, barycentric, depth, direction
-):
+def _meet_planes(functions, face, x, y, camera, barycentric, depth, direction):
+    camera_to_world, focal, centre_x, centre_y = camera
     for i in range(len(face)):
         f = functions[face[i]]
         total, clipped = 0.0, 0.0

@@ -96,7 +96,7 @@ class Shading:
         parts = []
         for samples, label in zip(view.samples, labels, strict=True):
             pixel, sample, group, weight = choose_samples(
-                label, 2 * GROUPS, samples.offsets_x, samples.offsets_y, counts[samples.pixels], TARGETS
+                label, 2 * GROUPS, samples.offsets, counts[samples.pixels], TARGETS
             )
             parts.append((samples.start + pixel, group, weight, *view.places(samples, pixel, sample)))
         pixel, group, weight, face, x, y = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -73,9 +73,7 @@ class Projection:
         """Return face (-1: none) and one over depth (count, s) at (2, s) offsets in pixels with a slot."""
         seen = np.full((count, offsets.shape[1]), -1, dtype=np.int32)
         nearness = np.zeros(seen.shape, dtype=np.float32)
-        rasterise(
-            self.functions, self.reach, slots, self.top, self.left, offsets[0], offsets[1], seen, nearness
-        )
+        rasterise(self.functions, self.reach, slots, (self.top, self.left), offsets, seen, nearness)
         return seen, nearness
 
 
@@ -89,15 +87,14 @@ class Samples:
         Number of the first of these pixels among all of the view.
     seen, label
         (p, s) face and group of each sub-sample.
-    offsets_x, offsets_y
-        (s,) sub-samples from the centre.
+    offsets
+        (2, s) of the sub-samples from the centre.
     """
 
     start: int
     seen: np.ndarray
     label: np.ndarray
-    offsets_x: np.ndarray
-    offsets_y: np.ndarray
+    offsets: np.ndarray
 
     @property
     def pixels(self) -> slice:
@@ -140,8 +137,8 @@ class View:
         self, samples: Samples, pixel: np.ndarray, sample: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the face seen and the image point x, y of sub-samples (n,) of pixels (n,) of `samples`."""
-        x = self.columns[samples.pixels][pixel] + samples.offsets_x[sample]
-        y = self.rows[samples.pixels][pixel] + samples.offsets_y[sample]
+        x = self.columns[samples.pixels][pixel] + samples.offsets[0, sample]
+        y = self.rows[samples.pixels][pixel] + samples.offsets[1, sample]
         return samples.seen[pixel, sample], x, y
 
 
@@ -166,8 +163,8 @@ def look(
         seen, nearness = projection.sample(slots, count, offsets)
         rows, columns = np.nonzero(slots >= 0)
         label = group_samples(
-            seen, nearness, projection.left + columns + 0.5, projection.top + rows + 0.5,
-            projection.functions, facets, offsets[0], offsets[1], 1.0 / projection.focal,
+            seen, nearness, (projection.left + columns + 0.5, projection.top + rows + 0.5),
+            projection.functions, facets, offsets, 1.0 / projection.focal,
         )  # fmt: skip
         return seen, label, offsets
 
@@ -197,8 +194,8 @@ def look(
         if samples_outline > samples_uneven
         else coverage,
         (
-            Samples(0, seen[even], label[even], offsets[0], offsets[1]),
-            Samples(len(even), finer_seen[found], finer_label[found], finer_offsets[0], finer_offsets[1]),
+            Samples(0, seen[even], label[even], offsets),
+            Samples(len(even), finer_seen[found], finer_label[found], finer_offsets),
         ),
     )
 

@@ -35,10 +35,9 @@ def shared_values(
         Side of a cube, and what is added to coordinates before cubes are counted.
     """
     keys = np.empty(count, dtype=np.int64)
-    _write_keys(
-        np.ascontiguousarray(triangles), facing.astype(np.int64), *grids, pitch, half_side, CELL_SPREAD,
-        CODE_BITS, np.empty(3), keys,
-    )  # fmt: skip
+    ways = facing.astype(np.int64) << CODE_BITS
+    cubes = pitch, half_side, CELL_SPREAD
+    _write_keys(np.ascontiguousarray(triangles), ways, grids, cubes, np.empty(3), keys)
     order, other = np.arange(count), np.empty(count, dtype=np.int64)
     for digit in range(DIGITS):
         starts = np.zeros((1 << DIGIT_BITS) + 1, dtype=np.int64)
@@ -49,9 +48,12 @@ def shared_values(
 
 
 @arrayless(kernel)
-def _write_keys(triangles, facing, corners, columns, rows, start, pitch, half_side, spread, code_bits,
-                barycentric, keys):  # fmt: skip
-    """Write the key of each place: rounded as `FaceLattice.places` without steps rounds."""
+def _write_keys(triangles, ways, grids, cubes, barycentric, keys):
+    """Write the key of each place: rounded as `FaceLattice.places` without steps rounds.
+
+    `ways` (F,) are the bits above the Morton code.
+    """
+    (corners, columns, rows, start), (pitch, half_side, spread) = grids, cubes
     cells = len(spread) - 1
     for f in range(len(triangles)):
         at = start[f]
@@ -63,7 +65,7 @@ def _write_keys(triangles, facing, corners, columns, rows, start, pitch, half_si
                 barycentric[corners[f, 0]] = min(max(1.0 - x - y, 0.0), 1.0)
                 barycentric[corners[f, 1]] = min(max(x, 0.0), 1.0)
                 barycentric[corners[f, 2]] = min(max(y, 0.0), 1.0)
-                key = facing[f] << code_bits
+                key = ways[f]
                 for axis in range(3):
                     position = (
                         barycentric[0] * triangles[f, 0, axis]
