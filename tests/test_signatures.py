@@ -8,7 +8,7 @@ import objectfolder
 LIBRARY = Path(objectfolder.__file__).parent
 MOST_PARAMETERS = 8
 # Functions with more of them; the number only falls.
-LONG_SIGNATURES = 50
+LONG_SIGNATURES = 20
 
 
 def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:

@@ -4,6 +4,7 @@ The static integrals are those of Wilton et al., IEEE Trans. Antennas Propag. 32
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,21 +80,25 @@ def static_potentials(
     return whole
 
 
+class Triangles(NamedTuple):
+    """Corners (t, 3), areas (t,), unit normals (t, 3) and gradients (t, 3, 3) of the hat functions."""
+
+    corners: Integers
+    areas: Floats
+    normals: Floats
+    gradients: Floats
+
+
 @kernel
 def add_static_pairs(
     pairs: Integers,
     vertices: Floats,
-    triangles: Integers,
-    areas: Floats,
-    normals: Floats,
-    gradients: Floats,
+    surface: Triangles,
     close: NDArray[np.bool_],
-    fine: tuple[Floats, Floats],
-    coarse: tuple[Floats, Floats],
+    rules: tuple[tuple[Floats, Floats], tuple[Floats, Floats]],
     slots: NDArray[np.int32],
     velocity: Floats,
-    operators: Floats,
-    loads: Floats,
+    sums: tuple[Floats, Floats],
 ) -> None:
     """Add the static Galerkin integrals of pairs of triangles to near entries.
 
@@ -102,16 +107,19 @@ def add_static_pairs(
     pairs
         (p, 2) triangles: where it is felt, and the source.
     close
-        (p,) pairs that want the finer rule (points, weights) of the outer integral.
+        (p,) pairs that want the finer rule of the outer integral.
+    rules
+        The fine and the coarse one: points and weights.
     slots
         (n, n) number of a near entry, -1 for a far one.
     velocity
         (t, 3, m) normal velocities at the corners of triangles.
-    operators
-        (entries, 3) of K, of the curls' and of the normals' single layer; added to.
-    loads
-        (2, n, m) of the single layer S and of K' applied to the velocities; added to.
+    sums
+        Added to: operators (entries, 3), of K, of the curls' and of the normals' single layer; and loads
+        (2, n, m), of the single layer S and of K' applied to the velocities.
     """
+    triangles, areas, normals, gradients = surface
+    (fine, coarse), (operators, loads) = rules, sums
     single, double = np.zeros(3), np.zeros(3)
     k_block, s_block = np.zeros((3, 3)), np.zeros((3, 3))
     corners, x = np.zeros((3, 3)), np.zeros(3)
@@ -270,15 +278,11 @@ def weighted(values: Complexes, result: Complexes) -> None:
 def add_waves(
     wavenumber: float,
     pairs: Integers,
-    triangles: Integers,
     points: Floats,
-    areas: Floats,
-    normals: Floats,
-    gradients: Floats,
+    surface: Triangles,
     slots: NDArray[np.int32],
     velocity: Floats,
-    double: NDArray[np.complex64],
-    bending: NDArray[np.complex64],
+    operators: tuple[NDArray[np.complex64], NDArray[np.complex64]],
     loads: Complexes,
 ) -> None:
     """Add what the waves differ from static fields by, between pairs of triangles, to near entries.
@@ -286,6 +290,7 @@ def add_waves(
     `pairs` (p, 2) have each two triangles once, a triangle and itself too. `points` (t, 3, 3) are those of
     the three-point rule in each triangle; for the rest see `add_static_pairs` and `fill_far`.
     """
+    (triangles, areas, normals, gradients), (double, bending) = surface, operators
     waves, s_block = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)
     # Of the second triangle felt at the first, and of the first at the second, as [first, second] too.
     slopes, back = np.zeros((3, 3), dtype=np.complex128), np.zeros((3, 3), dtype=np.complex128)

@@ -26,7 +26,7 @@ from scipy import sparse
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial import cKDTree
 
-from objectfolder.audio.air.boundary_kernels import add_static_pairs, add_waves, fill_far
+from objectfolder.audio.air.boundary_kernels import Triangles, add_static_pairs, add_waves, fill_far
 from objectfolder.audio.air.multipoles import harmonics, of_surface, regular_waves
 from objectfolder.surface.surface import Surface
 
@@ -149,8 +149,7 @@ class Elements:
 
     def _waves(self, wavenumber: float, velocity: Floats) -> tuple[Singles, Singles, Complexes]:
         """K and W (n, n), static near entries left out, and likewise S and K' of velocities (2, n, k)."""
-        surface, inner = self.surface, self._inner
-        count = len(surface.vertices)
+        inner, count = self._inner, len(self.surface.vertices)
         double, bending = (np.empty((count, count), dtype=np.complex64) for _ in range(2))
         loads = np.zeros((2, count, velocity.shape[2]), dtype=np.complex128)
         fill_far(
@@ -159,15 +158,11 @@ class Elements:
         add_waves(
             wavenumber,
             self._inner_pairs,
-            surface.faces,
             self._points,
-            surface.face_areas,
-            surface.face_normals,
-            self._gradients,
+            self._triangles,
             inner,
             velocity,
-            double,
-            bending,
+            (double, bending),
             loads,
         )
         return double, bending, loads
@@ -247,6 +242,11 @@ class Elements:
         return self._entries(NEAR_WAVES)[0]
 
     @cached_property
+    def _triangles(self) -> Triangles:
+        surface = self.surface
+        return Triangles(surface.faces, surface.face_areas, surface.face_normals, self._gradients)
+
+    @cached_property
     def _inner_pairs(self) -> Integers:
         """Pairs of triangles, each two once, where the waves are."""
         pairs = self._pairs(self._inner)
@@ -284,17 +284,12 @@ class Elements:
         add_static_pairs(
             pairs,
             surface.vertices,
-            surface.faces,
-            surface.face_areas,
-            surface.face_normals,
-            self._gradients,
+            self._triangles,
             close,
-            _twelve(),
-            QUADRATURE,
+            (_twelve(), QUADRATURE),
             slots,
             self.velocity,
-            operators,
-            loads,
+            (operators, loads),
         )
         return self._closed(operators, loads)
 

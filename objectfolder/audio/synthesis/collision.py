@@ -138,13 +138,14 @@ def collide(
     eigenvalues = (
         np.concatenate([collider.vibrations.eigenvalues for collider in colliders]) if colliders else gains
     )
+    modes = steps, gains, np.sqrt(eigenvalues)
     motion, forces = np.zeros((4, len(gains))), np.zeros(4 * IN_CONTACT)
     rigid, lost, step_count = np.array([0.0, speed_m_s]), np.zeros(1), 0
     viscosity_s_m = _viscosity(restitution) / speed_m_s
     while True:
         step_count = _collide(
-            steps, gains, np.sqrt(eigenvalues), 1 / contact.mass_kg, contact.stiffness, viscosity_s_m, step_s,
-            motion, rigid, forces, lost, step_count,
+            modes, (1 / contact.mass_kg, contact.stiffness, viscosity_s_m), step_s,
+            (motion, rigid, forces, lost), step_count,
         )  # fmt: skip
         if step_count < len(forces):
             break
@@ -238,14 +239,26 @@ def _force(
 
 @relaxed_kernel
 def _collide(
-    steps: Floats, gains: Floats, angular: Floats, mobility: float, stiffness: float, viscosity: float,
-    step_s: float, motion: Floats, rigid: Floats, forces: Floats, lost: Floats, start: int,
-) -> int:  # fmt: skip
-    """Step until the bodies have parted for good or `forces` is full; return the number of steps taken.
+    modes_of_both: tuple[Floats, Floats, Floats],
+    contact: tuple[float, float, float],
+    step_s: float,
+    state: tuple[Floats, Floats, Floats, Floats],
+    start: int,
+) -> int:
+    """Step until the bodies have parted for good or the forces are full; return the number of steps taken.
 
-    Of `motion` (4, modes) are displacements and velocities now, and when the bodies parted last. `rigid` is
-    how near the bodies have come to each other without their modes, and how fast.
+    Parameters
+    ----------
+    modes_of_both
+        Steps (6, modes), gains and angular frequencies (modes,).
+    contact
+        Mobility of the bodies, stiffness and viscosity.
+    state
+        Motion (4, modes): displacements and velocities now, and when the bodies parted last. How near the
+        bodies have come to each other without their modes, and how fast. Forces, and the energy (1,) lost.
     """
+    (steps, gains, angular), (mobility, stiffness, viscosity) = modes_of_both, contact
+    motion, rigid, forces, lost = state
     q, v = motion[0], motion[1]
     modes = len(gains)
     compliance = mobility * step_s * step_s / 2

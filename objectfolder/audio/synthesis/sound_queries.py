@@ -21,6 +21,7 @@ from objectfolder.audio.synthesis.struck_body import (
     Observed,
     Pulse,
     RigidBody,
+    StrikeQuery,
     StruckBody,
     named_striker,
 )
@@ -148,10 +149,11 @@ class SoundQueries:
         >>> bool(np.allclose(bar.strike(points, -2 * normals, 1.0), 2 * sound))  # twice as hard
         True
         """
-        shape, single, parts = self._struck(
+        query = StrikeQuery(
             points, impulses_n_s, duration_s, sample_rate_hz, modes=modes, forces_n=forces_n,
             velocities_m_s=velocities_m_s, pulse=pulse, observed=observed, listener=listener, support=support,
         )  # fmt: skip
+        shape, single, parts = self._struck(query)
         remedy = "Use `strikes`, which answers in parts, or ask for less at a time."
         require_room("points, duration_s", 4 * math.prod(shape), remedy)
         sound, energies = np.empty(shape, dtype=np.float32), []
@@ -175,7 +177,7 @@ class SoundQueries:
         >>> sum(len(part) for rows, part in bar.strikes(points, duration_s=0.1))
         100
         """
-        _, single, parts = self._struck(*arguments, **keywords)
+        _, single, parts = self._struck(StrikeQuery(*arguments, **keywords))
         for rows, part, _ in iter(hold_forks(lambda: next(parts, None)), None):
             yield rows, part[:, 0] if single else part
 
@@ -281,14 +283,11 @@ class SoundQueries:
         return ObjectStream(self._struck_body(None, support), self._pushes, rate_hz, places, ears)
 
     @hold_forks
-    def _struck(
-        self, points: ArrayLike, impulses_n_s: ArrayLike | None = None, duration_s: float = 2.0,
-        sample_rate_hz: float = 44100, *, modes: int | None = None, forces_n: ArrayLike | None = None,
-        velocities_m_s: ArrayLike | None = None, pulse: Pulse = None, observed: str | ArrayLike = CONTACT,
-        listener: ArrayLike | None = None, support: Support | str | None = None,
-    ) -> tuple[tuple[int, int, int], bool, Parts]:  # fmt: skip
+    def _struck(self, query: StrikeQuery) -> tuple[tuple[int, int, int], bool, Parts]:
         """Return the shape (n, channels, samples), whether there is one channel by name, and its parts."""
-        pulse = named_striker(pulse)
+        points, observed, listener = query.points, query.observed, query.listener
+        impulses_n_s, forces_n, velocities_m_s = query.impulses_n_s, query.forces_n, query.velocities_m_s
+        pulse = named_striker(query.pulse)
         if velocities_m_s is not None and not isinstance(pulse, ContactBody):
             raise QueryError("velocities_m_s", "given without a striker", 'Name it: pulse="steel".')
         if velocities_m_s is not None and (impulses_n_s is not None or forces_n is not None):
@@ -298,11 +297,11 @@ class SoundQueries:
         else:
             at, pushes = self._pushes(points, velocities_m_s, None, "velocities_m_s")
         contacts, ears = at.points, self._listeners(listener)
-        rate_hz = real("sample_rate_hz", sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
-        duration_s = real("duration_s", duration_s, 1 / rate_hz, LONGEST_S, " s")
+        rate_hz = real("sample_rate_hz", query.sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
+        duration_s = real("duration_s", query.duration_s, 1 / rate_hz, LONGEST_S, " s")
         places = self._places(observed)
         heard = places if listener is None else ears
-        body = self._struck_body(modes, support)
+        body = self._struck_body(query.modes, query.support)
         if isinstance(pulse, ContactBody) and impulses_n_s is None and forces_n is None:
             pushes = body.passed_on(contacts, pushes, pulse)
         channels = len(heard) if isinstance(heard, np.ndarray) else 1

@@ -1,7 +1,7 @@
 """A struck object: its modes and its mass under contacts, as surface velocity or pressure at listeners."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody, HertzConta
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.sound import StrikeEnergy
 from objectfolder.audio.synthesis.sources import Motion, Source, along
+from objectfolder.audio.synthesis.support import Support
 from objectfolder.errors import QueryError
 from objectfolder.query_values import real_array
 from objectfolder.surface.surface import ClosestPoints, Surface
@@ -325,3 +326,21 @@ def named_striker(pulse: Pulse) -> Pulse:
         remedy = f"Give seconds, a `ContactBody` or one of {', '.join(STRIKERS)}."
         raise QueryError("pulse", repr(pulse), remedy)
     return STRIKERS[pulse]
+
+
+@dataclass(frozen=True)
+class StrikeQuery:
+    """The arguments of `SoundQueries.strike`."""
+
+    points: ArrayLike
+    impulses_n_s: ArrayLike | None = None
+    duration_s: float = 2.0
+    sample_rate_hz: float = 44100
+    _: KW_ONLY
+    modes: int | None = None
+    forces_n: ArrayLike | None = None
+    velocities_m_s: ArrayLike | None = None
+    pulse: Pulse = None
+    observed: str | ArrayLike = CONTACT
+    listener: ArrayLike | None = None
+    support: Support | str | None = None

@@ -193,7 +193,7 @@ def solve_contact(
     start = _start(gap, reach, initial_pressure_pa)
     total = None if force_n is None else force_n / (pitch[0] * pitch[1])
     cells = (gap < reach) | (start > 0)
-    return _solved(gap, pitch, elastomer, start, cells, fixed, total, tolerance, maximum_iterations)
+    return _solved(gap, pitch, elastomer, start, cells, (fixed, total), tolerance, maximum_iterations)
 
 
 def force_depth_curve(
@@ -271,12 +271,14 @@ def _solved(
     elastomer: Elastomer,
     start: np.ndarray,
     cells: np.ndarray,
-    indentation: float | None,
-    total: float | None,
+    load: tuple[float | None, float | None],
     tolerance: float,
     maximum_iterations: int,
 ) -> Contact:
-    """Solve on a box of the grid round some cells; grow it until none beyond is in contact."""
+    """Solve on a box of the grid round some cells; grow it until none beyond is in contact.
+
+    The load is an indentation, or the sum of the pressures.
+    """
     nearest = float(gap.min())
     whole = compliance(elastomer, gap.shape, pitch, gap.shape)
     iterations = 0
@@ -287,8 +289,8 @@ def _solved(
             part,
             gap[box],
             start[box],
-            indentation_m=indentation,
-            total_pa=total,
+            indentation_m=load[0],
+            total_pa=load[1],
             tolerance=tolerance,
             maximum_iterations=maximum_iterations - iterations,
         )
