@@ -24,8 +24,9 @@ from bench.references.bodies import BODIES
 from bench.references.exterior import radiated
 from bench.references.free_modes import FreeModes
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
-from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S, radiation_of
+from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
 from objectfolder.audio.air.radiation import Radiation, radiate
+from objectfolder.audio.air.radiation_product import radiation_of
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes

@@ -5,13 +5,15 @@ Rayleigh's law, whose decay rates grow with the square of frequency, is that of 
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
+
+if TYPE_CHECKING:
+    from objectfolder.audio.materials import Material
 
 Floats = NDArray[np.float64]
 LOSS_FACTOR, RAYLEIGH = "loss_factor", "rayleigh"
@@ -51,7 +53,7 @@ class Rayleigh:
         return np.asarray((self.alpha_per_s + self.beta_s * eigenvalues) / 2)
 
 
-def damping_of(material: Material, law: str = LOSS_FACTOR) -> LossFactor | Rayleigh:
+def damping_of(material: "Material", law: str = LOSS_FACTOR) -> LossFactor | Rayleigh:
     """Return how a material damps.
 
     Parameters

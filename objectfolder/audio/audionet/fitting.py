@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from objectfolder.audio.air.multipoles import radiation_of
+from objectfolder.audio.air.radiation_product import radiation_of
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.audionet.audionet import (
     BARYCENTRIC_STEPS,

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.air.multipoles import radiation_arrays
 from objectfolder.audio.air.radiation import radiate
 from objectfolder.audio.air.radiation_loss import dampings_of, radiation_dampings
+from objectfolder.audio.air.radiation_product import radiation_arrays
 from objectfolder.audio.damping import LOSS_FACTOR, damping_of, describe_damping
 from objectfolder.audio.elements.facing_target import rounding
 from objectfolder.audio.materials import Material
