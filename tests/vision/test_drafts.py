@@ -7,7 +7,7 @@ from vision_shapes import sphere
 
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.compiled.drafts import BOUNCES, Draft
+from objectfolder.vision.compiled.drafts import DRAFT_BOUNCES, Draft
 from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.environment import Environment
@@ -34,7 +34,7 @@ def test_half_of_a_white_furnace_reaches_all_of_a_bowl_and_comes_back_from_the_o
     np.testing.assert_allclose(share.mean(), 0.5, atol=0.015)
     assert share.std() < 0.05
     albedo = float(draft._albedo.mean())
-    series = 0.5 * sum((0.5 * albedo) ** bounce for bounce in range(1, BOUNCES + 1))
+    series = 0.5 * sum((0.5 * albedo) ** bounce for bounce in range(1, DRAFT_BOUNCES + 1))
     np.testing.assert_allclose(bounced.mean(), series, rtol=0.05)
 
 

@@ -20,7 +20,7 @@ from objectfolder.vision.network.face_lattice import FaceLattice
 from objectfolder.vision.network.incidence import SELF_OFFSET, UnitSurface
 from objectfolder.vision.network.network_layout import LEAST_COSINE
 
-DIRECTIONS, BOUNCES = 128, 2
+DIRECTIONS, DRAFT_BOUNCES = 128, 2
 
 
 class Draft:
@@ -75,7 +75,7 @@ class Draft:
         plane, direct = self._all @ sky, self._clear @ sky
         share = np.divide(direct, plane, out=np.ones_like(plane), where=plane > 0)
         bounced, sending = np.zeros_like(direct), direct
-        for _ in range(BOUNCES):
+        for _ in range(DRAFT_BOUNCES):
             sending = self._sent @ (self._albedo * sending)
             bounced += sending
         return mix(np.concatenate([share, bounced], axis=1), self._near, self._share)

@@ -39,13 +39,14 @@ def add_texture(
     """
     _add_texture(
         totals, np.ascontiguousarray(image), np.ascontiguousarray(texture_coordinates, dtype=np.float64),
-        np.ascontiguousarray(of_face), *lattice.grids, steps, NO_CUTOFF if cutoff is None else float(cutoff),
+        np.ascontiguousarray(of_face), lattice.grids, steps, NO_CUTOFF if cutoff is None else float(cutoff),
         np.empty(3),
     )  # fmt: skip
 
 
 @arrayless(kernel)
-def _add_texture(totals, image, coordinates, of_face, corners, columns, rows, start, steps, cutoff, weights):
+def _add_texture(totals, image, coordinates, of_face, grids, steps, cutoff, weights):
+    corners, columns, rows, start = grids
     height, width, channels = image.shape
     for f in range(len(of_face)):
         if not of_face[f]:
