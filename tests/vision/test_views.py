@@ -13,6 +13,7 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import srgb_decode
+from objectfolder.vision.truth import cycles_process
 from objectfolder.vision.truth.conditions import CONDITIONS
 from objectfolder.vision.truth.cycles import read_exr
 from objectfolder.vision.truth.cycles_process import render_in_children, render_series
@@ -125,8 +126,8 @@ def test_views_are_reproducible_whatever_the_threads_and_counts(in_conditions, m
     np.testing.assert_allclose(np.linalg.norm(first["camera_to_world"][:, :3, 3], axis=1), 2.5)
     images = np.random.default_rng(0).random((5, 24, 32, 4)).astype(np.float16)
     monkeypatch.setattr(
-        "objectfolder.vision.truth.views.render_in_children",
-        lambda scene, shots: images[: len(shots.camera_to_world)],
+        "objectfolder.vision.truth.views.render_series",
+        lambda scene, series: [images[: len(shots.camera_to_world)] for shots in series],
     )
     other = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
     assert first.arrays.keys() - other.arrays.keys() == set(shapes) - {"rgba"}
@@ -138,13 +139,39 @@ def test_parts_of_images_are_rendered_alone_and_several_requests_in_one_process(
     camera, light = look_at(np.array([[1.2, -1.9, 1.1]])), np.array([[0.0, -1.0, 1.0]])
     whole = Shots(camera, light, np.array([3]), 4, 32, 32, 40.0)
     part = dataclasses.replace(whole, parts=np.array([[8, 12, 10, 6]]))
-    alone = [render_in_children(scene_of(cube()), shots)[0] for shots in (whole, part)]
-    for image, again in zip(alone, render_series(scene_of(cube()), [whole, part]), strict=True):
+    finer = dataclasses.replace(whole, samples=16, most_samples=64)
+    alone = [render_in_children(scene_of(cube()), shots)[0] for shots in (whole, part, finer)]
+    assert not np.array_equal(alone[2], alone[0])
+    for image, again in zip(alone, render_series(scene_of(cube()), [whole, part, finer]), strict=True):
         np.testing.assert_array_equal(again[0], image)
     expected = np.zeros_like(alone[0])
     expected[8:18, 12:18] = alone[0][8:18, 12:18]
     assert (expected[..., 3] > 0).any()
     np.testing.assert_array_equal(alone[1], expected)
+
+
+def test_series_are_shared_among_processes_of_few_views(monkeypatch):
+    """Each view comes back in its place, whatever process rendered it."""
+    processes = []
+
+    def paint(*paths):
+        processes.append(sum(len(load_request(path)[1].seeds) for path in paths[::2]))
+        for request, result in zip(paths[::2], paths[1::2], strict=True):
+            shots = load_request(request)[1]
+            tall = np.ones((len(shots.seeds), shots.height, shots.width, 4))
+            np.save(result, tall * shots.seeds[:, None, None, None] + shots.parts[:, 0, None, None, None])
+
+    monkeypatch.setattr(cycles_process, "VIEWS_PER_PROCESS", 4)
+    monkeypatch.setattr(cycles_process, "_run", paint)
+    series = [
+        Shots(look_at(np.ones((count, 3))), np.ones((count, 3)), np.arange(count), 1, size, size, 40.0,
+              parts=np.full((count, 4), 100 * size))
+        for count, size in ((3, 2), (0, 2), (6, 3))
+    ]  # fmt: skip
+    for shots, images in zip(series, render_series(scene_of(cube()), series), strict=True):
+        expected = np.arange(len(shots.seeds)) + 100 * shots.height
+        np.testing.assert_array_equal(images[:, 0, 0, 0], expected)
+    assert processes == [4, 4, 1]
 
 
 @pytest.mark.slow

@@ -1,8 +1,8 @@
 """Ground-truth images by Cycles: the only module that imports bpy, inside functions.
 
 Run as ``python -m objectfolder.vision.truth.cycles REQUEST RESULT [REQUEST RESULT ...]`` it renders saved
-requests in a process of its own (see `cycles_process`). Blender keeps state a process: one sample count a
-process, one render at a time, and no import of bpy before or beside other children.
+requests in a process of its own (see `cycles_process`). Blender keeps state a process: one render at a time,
+and no import of bpy before or beside other children.
 """
 
 import contextlib
@@ -21,7 +21,6 @@ from objectfolder.errors import SimulationError
 from objectfolder.vision.truth.glass_nodes import make_thin_glass
 from objectfolder.vision.truth.render_request import (
     FACES_WITH_HOLES,
-    NOISE_THRESHOLD,
     Scene,
     Shots,
     load_request,
@@ -106,7 +105,7 @@ def _set_up_render(shots: Shots, path: str) -> None:
     cycles.use_adaptive_sampling = shots.most_samples is not None
     if shots.most_samples is not None:
         cycles.samples, cycles.adaptive_min_samples = shots.most_samples, shots.samples
-        cycles.adaptive_threshold = NOISE_THRESHOLD
+        cycles.adaptive_threshold = shots.noise_threshold
     cycles.use_denoising = False
     cycles.use_auto_tile = False
     cycles.light_sampling_threshold = 0.0

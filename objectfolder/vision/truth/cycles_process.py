@@ -1,8 +1,7 @@
-"""Cycles in child processes: the parent never imports bpy, and a child renders one sample count."""
+"""Cycles in child processes: the parent never imports bpy."""
 
-import dataclasses
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,54 +17,58 @@ LARGEST_HALF = 65504.0
 
 
 def render_in_children(scene: Scene, shots: Shots) -> np.ndarray:
-    """Render every shot, `VIEWS_PER_PROCESS` at most a child process.
+    """Render one set of shots: `render_series` of it alone, (n, height, width, 4)."""
+    return render_series(scene, [shots])[0]
+
+
+def render_series(scene: Scene, series: Sequence[Shots]) -> list[np.ndarray]:
+    """Render sets of shots, `VIEWS_PER_PROCESS` views at most a child process.
 
     A view depends on its own seed and nothing else, so the split does not show in the images.
 
     Returns
     -------
-    np.ndarray
-        (n, height, width, 4) float16 scene-linear premultiplied RGBA.
+    list of np.ndarray
+        (n, height, width, 4) float16 scene-linear premultiplied RGBA, of each set.
 
     Raises
     ------
     SimulationError
         Blender missing, killed or failed; its last words are in the message.
     """
-    count = len(shots.camera_to_world)
-    images = np.empty((count, shots.height, shots.width, 4), dtype=np.float16)
+    counts = [len(shots.camera_to_world) for shots in series]
+    images = [
+        np.empty((count, shots.height, shots.width, 4), dtype=np.float16)
+        for count, shots in zip(counts, series, strict=True)
+    ]
     with tempfile.TemporaryDirectory(prefix="objectfolder-views-") as folder:
-        for start in range(0, count, VIEWS_PER_PROCESS):
-            part = slice(start, min(start + VIEWS_PER_PROCESS, count))
-            request, result = Path(folder, "request.npz"), Path(folder, "result.npy")
-            save_request(
-                request,
-                scene,
-                dataclasses.replace(
-                    shots,
-                    camera_to_world=shots.camera_to_world[part],
-                    light_position=shots.light_position[part],
-                    seeds=shots.seeds[part],
-                ),
-            )
-            _run(request, result)
-            images[part] = np.clip(np.load(result), 0.0, LARGEST_HALF)
-            result.unlink()
+        for share in _shares(counts):
+            paths = []
+            for number, (index, part) in enumerate(share):
+                paths += [Path(folder, f"request-{number}.npz"), Path(folder, f"result-{number}.npy")]
+                save_request(paths[-2], scene, series[index].views(part))
+            _run(*paths)
+            for (index, part), result in zip(share, paths[1::2], strict=True):
+                images[index][part] = np.clip(np.load(result), 0.0, LARGEST_HALF)
+                result.unlink()
     return images
 
 
-def render_series(scene: Scene, series: Sequence[Shots]) -> list[np.ndarray]:
-    """Render several sets of few shots, of one sample count, in one child process.
-
-    Arrays and errors are those of `render_in_children`.
-    """
-    with tempfile.TemporaryDirectory(prefix="objectfolder-views-") as folder:
-        paths = []
-        for index, shots in enumerate(series):
-            paths += [Path(folder, f"request-{index}.npz"), Path(folder, f"result-{index}.npy")]
-            save_request(paths[-2], scene, shots)
-        _run(*paths)
-        return [np.clip(np.load(path), 0.0, LARGEST_HALF).astype(np.float16) for path in paths[1::2]]
+def _shares(counts: Sequence[int]) -> Iterator[list[tuple[int, slice]]]:
+    """Yield what each process renders: sets by index, and which of their views."""
+    share, room = list[tuple[int, slice]](), VIEWS_PER_PROCESS
+    for index, count in enumerate(counts):
+        start = 0
+        while start < count:
+            stop = min(count, start + room)
+            share.append((index, slice(start, stop)))
+            room -= stop - start
+            start = stop
+            if room == 0:
+                yield share
+                share, room = [], VIEWS_PER_PROCESS
+    if share:
+        yield share
 
 
 def _run(*requests_and_results: Path) -> None:

@@ -1,7 +1,7 @@
 """What a renderer is asked for, and how the request travels to the process that renders it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ LIGHT_POWER_W = 12.0
 BOUNCES = 3
 # Faces that a path may pass through by their holes or their glass; the next one stops it.
 FACES_WITH_HOLES = 64
-# Cycles' estimate of a pixel's error over the root of its radiance below which adaptive sampling ends it.
+# See `Shots.noise_threshold`.
 NOISE_THRESHOLD = 0.003
 # Fields of a scene that hold something for some of its textures.
 BY_TEXTURE = ("alpha_cutoffs", "roughness_maps", "metallic_maps", "normal_maps")
@@ -116,7 +116,9 @@ class Shots:
     environment
         (h, w, 3) radiance from all round, as of `environment.py`, in place of the point light; or None.
     most_samples
-        Paths of a pixel that is still noisy after `samples` (`NOISE_THRESHOLD`); None asks no pixel for more.
+        Paths of a pixel that is still noisy after `samples`; None asks no pixel for more.
+    noise_threshold
+        Cycles' estimate of a pixel's error over the root of its radiance below which it is not noisy.
     parts
         (n, 4) top, left, height and width in pixels of the part of each image that is rendered; the rest is
         left at 0. None renders all.
@@ -138,6 +140,13 @@ class Shots:
     most_samples: int | None = None
     parts: np.ndarray | None = None
     alpha_alone: bool = False
+    noise_threshold: float = NOISE_THRESHOLD
+
+    def views(self, part: slice) -> "Shots":
+        """Return some of the views."""
+        names = ("camera_to_world", "light_position", "seeds", "parts")
+        each = {name: values for name in names if (values := getattr(self, name)) is not None}
+        return replace(self, **{name: values[part] for name, values in each.items()})
 
 
 def save_request(path: Path, scene: Scene, shots: Shots) -> None:

@@ -23,21 +23,27 @@ from objectfolder.vision.cameras import (
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.truth.conditions import render_conditions
 from objectfolder.vision.truth.coverage import with_cast_coverage
-from objectfolder.vision.truth.cycles_process import render_in_children
+from objectfolder.vision.truth.cycles_process import render_series
 from objectfolder.vision.truth.glass_alpha import with_alpha_apart
 from objectfolder.vision.truth.passes import Passes, cast_passes
-from objectfolder.vision.truth.render_request import BOUNCES, LIGHT_POWER_W, Scene, Shots, unit_scene
+from objectfolder.vision.truth.render_request import (
+    BOUNCES,
+    LIGHT_POWER_W,
+    NOISE_THRESHOLD,
+    Scene,
+    Shots,
+    unit_scene,
+)
 
-# Held-out views rendered a second time to measure the noise in them.
-NOISE_VIEWS = 2
-# Held-out pixels get this share of their samples at least, and this multiple where noise remains.
-LEAST_SHARE, MOST_SHARE = 0.5, 8
-# Seeds are below 2^30; this bit makes the seed of a repeat.
-REPEAT_SEED = 1 << 30
+# A held-out view is the mean of two renders, whose difference is its noise. A pixel of each gets this share
+# of its samples at least, and this multiple while Cycles finds more noise than two renders may each have.
+LEAST_SHARE, MOST_SHARE, HELD_OUT_THRESHOLD = 1 / 4, 4, NOISE_THRESHOLD * 2**0.5
+# Seeds are below 2^30; this bit makes the seed of the second render.
+SECOND_SEED = 1 << 30
 NOISE_FLOOR = (
-    "PSNR on white of the held-out views against the noise-free image: 3.01 dB above the PSNR between two "
-    "renders of the first held-out views with independent seeds at the held-out sample count, squared "
-    "errors pooled; foreground: over pixels that the object covers in part or whole"
+    "PSNR on white of the held-out views against the noise-free image: 6.02 dB above the PSNR between the "
+    "two renders with independent seeds of which each is the mean, squared errors of all views pooled; "
+    "foreground: over pixels that the object covers in part or whole"
 )
 
 TRANSMISSION = (
@@ -79,7 +85,8 @@ def simulate_views(
         Pixels a side, or (height, width); and the angle over the longer side.
     training_views, held_out_views, training_samples, held_out_samples
         How many views of each kind, the held-out ones last; and paths a pixel. A held-out pixel gets half of
-        these to eight times as many, as noisy as it is; exactly these in scenes with holes.
+        these to eight times as many, as noisy as it is; exactly these, but for an odd one more, in scenes
+        with holes.
     camera_radius, light_power_w
         Distance of the cameras from the origin, and radiant power of the point light for distances, in the
         unit frame.
@@ -165,28 +172,28 @@ def _rendered(
     scene: Scene, training: Drawn, held_out: Drawn, samples: tuple[int, int], how: tuple[Any, ...]
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the images of training and held-out views, and the noise attributes; `how` ends `Shots`."""
-    # The repeats that measure the noise ride with the held-out views: same sample count, same process.
-    repeated = (held_out[0][:NOISE_VIEWS], held_out[1][:NOISE_VIEWS], held_out[2][:NOISE_VIEWS] ^ REPEAT_SEED)
-    noisy = _held_out_images(scene, _joined(held_out, repeated), samples[1], how)
-    trained = render_in_children(scene, Shots(*training, samples[0], *how))
-    count = len(held_out[0])
-    return np.concatenate([trained, noisy[:count]]), noise_floor(noisy[:NOISE_VIEWS], noisy[count:])
-
-
-def _held_out_images(scene: Scene, drawn: Drawn, samples: int, how: tuple[Any, ...]) -> np.ndarray:
-    """Return images with little noise: more paths where a pixel is noisy, and outlines cast.
-
-    Cycles ends a pixel by the noise of its colour and knows nothing of that of its alpha.
-    """
+    shots = _held_out_shots(scene, held_out, samples[1], how)
+    rendered, trained = render_series(scene, [shots, Shots(*training, samples[0], *how)])
     if scene.lets_through:
-        exact = Shots(*drawn, samples, *how)
-        return with_alpha_apart(scene, [render_in_children(scene, exact)], [exact])[0]
+        rendered = with_alpha_apart(scene, [rendered], [shots])[0]
+    else:
+        # Cycles ends a pixel by the noise of its colour and knows nothing of that of its alpha.
+        rendered = with_cast_coverage(
+            scene, rendered, shots.camera_to_world, shots.seeds, shots.field_of_view_deg
+        )
+    first, second = np.split(rendered, 2)
+    mean = ((first.astype(np.float32) + second) / 2).astype(np.float16)
+    return np.concatenate([trained, mean]), noise_floor(first, second)
+
+
+def _held_out_shots(scene: Scene, drawn: Drawn, samples: int, how: tuple[Any, ...]) -> Shots:
+    """Return each view twice, with independent seeds, and with more paths where a pixel is noisy."""
+    cameras, lights, seeds = drawn
+    twice = _joined(drawn, (cameras, lights, seeds ^ SECOND_SEED))
+    if scene.lets_through:
+        return Shots(*twice, -(-samples // 2), *how)
     least, most = max(1, int(LEAST_SHARE * samples)), MOST_SHARE * samples
-    shots = replace(Shots(*drawn, least, *how), most_samples=most)
-    cameras, _, seeds = drawn
-    return with_cast_coverage(
-        scene, render_in_children(scene, shots), cameras, seeds, shots.field_of_view_deg
-    )
+    return replace(Shots(*twice, least, *how), most_samples=most, noise_threshold=HELD_OUT_THRESHOLD)
 
 
 def _arrays(rgba: np.ndarray, drawn: Drawn, kept: np.ndarray, samples: np.ndarray) -> dict[str, Array]:
@@ -265,7 +272,7 @@ def _joined(first: Drawn, second: Drawn) -> Drawn:
 
 
 def noise_floor(first: np.ndarray, second: np.ndarray) -> dict[str, Any]:
-    """Return the noise attributes of two renders (n, h, w, 4) of the same views with independent seeds.
+    """Return the noise attributes of the means of two renders (n, h, w, 4) with independent seeds.
 
     The squared difference of two independent renders is in mean twice that of one and the truth, but for what
     both have wrong alike: noise that the sRGB encoding turns into darker means. Against 4096 samples a pixel
@@ -274,13 +281,13 @@ def noise_floor(first: np.ndarray, second: np.ndarray) -> dict[str, Any]:
     too much, four up to 2.2: with fewer than 256 held-out samples take it as a bound from above. A bowl of
     metal agrees within 0.2 dB of the mean of the two renders at 32 and at 256.
     """
-    if len(second) == 0:
+    if len(first) == 0:
         return {
             "noise_floor_db": None,
             "noise_floor_foreground_db": None,
             "noise_floor_definition": NOISE_FLOOR,
         }
-    error = (composite_on_white(first[: len(second)]) - composite_on_white(second)) ** 2 / 2
+    error = (composite_on_white(first) - composite_on_white(second)) ** 2 / 4
     covered = second[..., 3] > 0
     return {
         "noise_floor_db": _decibels(error),
