@@ -12,14 +12,14 @@ from objectfolder.errors import InputError, SimulationError
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
-from objectfolder.vision.compositing import srgb_decode
+from objectfolder.vision.compositing import composite_on_white, srgb_decode
 from objectfolder.vision.truth import cycles_process
 from objectfolder.vision.truth.conditions import CONDITIONS
 from objectfolder.vision.truth.cycles import read_exr
 from objectfolder.vision.truth.cycles_process import render_in_children, render_series
 from objectfolder.vision.truth.passes import cast_passes
 from objectfolder.vision.truth.render_request import Scene, Shots, load_request, save_request, unit_scene
-from objectfolder.vision.truth.views import exposure, simulate_views
+from objectfolder.vision.truth.views import exposure, noise_floor, simulate_views
 
 LAMBERT = Appearance(roughness=1.0, metallic=0.0, specular=0.0)
 SMALL = {
@@ -188,6 +188,20 @@ def test_views_in_other_conditions_show_the_object(in_conditions):
     for condition in views.attributes["conditions"].values():
         assert 20 < condition["noise_floor_db"] <= 120
     assert len(views["rgba"]) == 4
+
+
+def test_the_noise_floor_is_the_error_of_the_mean_of_two_renders():
+    random = np.random.default_rng(0)
+    truth = np.ones((3, 24, 24, 4))
+    truth[..., :3] = random.uniform(0.2, 0.8, (3, 1, 1, 3))
+    truth[:, :12] = 0
+    first, second = (truth * (1 + 0.003 * random.normal(size=truth.shape)) for _ in range(2))
+    first[..., 3] = second[..., 3] = truth[..., 3]
+    error = (composite_on_white((first + second) / 2) - composite_on_white(truth)) ** 2
+    floors = noise_floor(first, second)
+    assert floors["noise_floor_db"] == pytest.approx(-10 * np.log10(error.mean()), abs=0.2)
+    assert floors["noise_floor_foreground_db"] == pytest.approx(floors["noise_floor_db"] - 3.01, abs=0.01)
+    assert noise_floor(first[:0], second[:0])["noise_floor_db"] is None
 
 
 def test_bad_parameters_and_appearances_are_named():
