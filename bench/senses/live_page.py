@@ -29,7 +29,8 @@ DROP = """(body) => { const { table } = objectfolderViewer;
   return table.try(() => table.act('lift', { body, height: 0.1 })); }"""
 COUNT = f"""() => {{ const {{ underruns, skips, behind, context: {{ state }} }} = {SOUND};
   performance.setResourceTimingBufferSize(1e6);
-  const images = performance.getEntriesByType("resource").filter(({{ name }}) => new URL(name).pathname === "/seen");
+  const asked = performance.getEntriesByType("resource");
+  const images = asked.filter(({{ name }}) => new URL(name).pathname === "/seen");
   return {{ gaps: underruns, skips, images: images.length, sound_waits_s: behind, device: state }}; }}"""
 COMPARED = (
     "gaps in the sound of a page and parts left out to catch up, counted by its player, in wall seconds; "
