@@ -227,7 +227,9 @@ def _turned(
     if turned is None:
         return None
     epsilon_m = filling.epsilon_per_wall * measures.wall * scale
-    return turned, {"way": REVOLVED, "steps_around": turned.steps, "epsilon_m": epsilon_m}
+    point_m, direction = turned.axis.tolist()
+    axis = {"point_m": point_m, "direction": direction}
+    return turned, {"way": REVOLVED, "steps_around": turned.steps, "axis": axis, "epsilon_m": epsilon_m}
 
 
 def _ways(measures: Measures, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:

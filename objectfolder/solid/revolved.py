@@ -39,12 +39,14 @@ class Revolved:
     vertices : (v, 3) metres
     tetrahedra : (t, 4) in either orientation
     steps : elements around the axis, at most
+    axis : (2, 3) a point on it, metres, and its direction
     """
 
     surface: Surface
     vertices: Floats
     tetrahedra: Integers
     steps: int
+    axis: Floats
 
 
 def revolved(form: NormalForm, longest_edge: Callable[[Floats], Floats]) -> Revolved | None:
@@ -62,7 +64,8 @@ def revolved(form: NormalForm, longest_edge: Callable[[Floats], Floats]) -> Revo
     vertices, tetrahedra, steps = walls
     surface = body.surface(steps * max(4, math.ceil(LEAST_SEGMENTS / steps)))
     in_metres = Surface(form.to_metres(surface.vertices), surface.faces)
-    return Revolved(in_metres, form.to_metres(vertices), tetrahedra, steps)
+    axis = np.stack([form.to_metres(body.centre), body.frame[2]])
+    return Revolved(in_metres, form.to_metres(vertices), tetrahedra, steps, axis)
 
 
 def _shorter(longest_edge: Callable[[Floats], Floats], share: float, wall: Floats) -> Floats:

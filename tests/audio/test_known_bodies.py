@@ -117,6 +117,9 @@ def test_a_cup_with_a_rounded_rim_has_every_mode_where_it_is(solved: Solved) -> 
     assert len(error) == len(CUP_HZ)
     assert error.max() < 5
     assert np.all(error <= stated_cents(cup))
+    assert cup["eigenvalues"][0] == cup["eigenvalues"][1]
+    assert cup["eigenvalues"][2] == cup["eigenvalues"][3]
+    assert cup.attributes["equal_pairs"]["pairs"] == 2
 
 
 @release

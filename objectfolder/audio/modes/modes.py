@@ -16,6 +16,7 @@ from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
 from objectfolder.audio.modes.canonical import canonical_rotation
+from objectfolder.audio.modes.equal_pairs import Axis, with_equal_pairs
 from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.product_arrays import (
     Motion,
@@ -216,6 +217,7 @@ def modes_of_solid(
     reading = _cpu_seconds()
     counts = training_points, held_out_points
     boundary = Boundary(solid, spectrum.space, units.length_m)
+    spectrum, split_cents = _with_equal_pairs(spectrum, solid, boundary)
     vectors = _canonical(spectrum, boundary)
     air = _cpu_seconds()
     motion, transferred, described = _in_air(
@@ -233,6 +235,8 @@ def modes_of_solid(
     )
     attributes["warnings"] += shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
+    if split_cents:
+        attributes["equal_pairs"] = {"pairs": len(split_cents), "split_cents_max": max(split_cents)}
     if described:
         attributes["transfer"] = described
     if seconds is not None:
@@ -296,6 +300,14 @@ def _read(
         "material": material.name,
     }
     return arrays, attributes
+
+
+def _with_equal_pairs(spectrum: Spectrum, solid: Solid, boundary: Boundary) -> tuple[Spectrum, list[float]]:
+    """A spectrum with pairs of one frequency where the solid was filled by turning, and what split them."""
+    if solid.report.get("way") != REVOLVED or len(spectrum.eta_squared) < 2:
+        return spectrum, []
+    axis = solid.report["axis"]
+    return with_equal_pairs(spectrum, boundary, Axis(np.array(axis["point_m"]), np.array(axis["direction"])))
 
 
 def _rounding(solid: Solid) -> tuple[float, float]:
