@@ -46,8 +46,15 @@ def test_the_truth_made_anew_is_that_beside_the_small_file(made: Path) -> None:
         np.testing.assert_allclose(views_anew[name], views[name], rtol=1e-5, atol=1e-5, err_msg=MADE_ANEW)
     # Of the darkest training views one path of light may go another way.
     assert np.abs(views_anew["rgba"] - views["rgba"]).mean() < 1e-3 * views["rgba"].mean(), MADE_ANEW
-    for name in ("eigenvalues", "dampings_per_s"):
-        np.testing.assert_allclose(modes_anew[name], modes[name], rtol=1e-6, err_msg=MADE_ANEW)
+    np.testing.assert_allclose(modes_anew["eigenvalues"], modes["eigenvalues"], rtol=1e-6, err_msg=MADE_ANEW)
+    of_material, of_material_anew = (
+        product["dampings_per_s"] - product["radiation_dampings_per_s"] for product in (modes, modes_anew)
+    )
+    np.testing.assert_allclose(of_material_anew, of_material, rtol=1e-6, err_msg=MADE_ANEW)
+    # Coarse boundary elements turn with the last bits of what they are given: 2e-3 without AVX2.
+    np.testing.assert_allclose(
+        modes_anew["dampings_per_s"], modes["dampings_per_s"], rtol=5e-3, err_msg=MADE_ANEW
+    )
     np.testing.assert_array_equal(modes_anew["points"], modes["points"], err_msg=MADE_ANEW)
     # The sign of a mode is any.
     size = np.abs(modes["mode_shapes"]).max()
