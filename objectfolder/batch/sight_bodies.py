@@ -51,7 +51,7 @@ Volumes = namedtuple("Volumes", "offsets boxes children counts triangles faces")
 # View and direction of rays, and what they meet.
 Rays = namedtuple("Rays", "view_of direction face barycentric")
 # The ray that meets each point; views and directions of rays.
-Seen = namedtuple("Seen", "ray_of view_of direction")
+PointRays = namedtuple("PointRays", "ray_of view_of direction")
 # Objects of views, and their lamps.
 Lamps = namedtuple("Lamps", "objects places")
 LampTerms = namedtuple("LampTerms", "objects places terms")
@@ -67,12 +67,12 @@ Grids = namedtuple(
 # What the network takes of a point.
 Shaded = namedtuple("Shaded", "position normal direction irradiance")
 # The network's inputs and answers, and the lobes of highlights.
-Asked = namedtuple("Asked", "inputs lobe")
-Answered = namedtuple("Answered", "answers inputs lobe")
+NetworkInputs = namedtuple("NetworkInputs", "inputs lobe")
+NetworkAnswers = namedtuple("NetworkAnswers", "answers inputs lobe")
 # Points that may be mirrors.
 Mirrors = namedtuple("Mirrors", "facets face position normal side direction")
 # Of objects of views: whether they have mirrors, and the scale of their radiance.
-Things = namedtuple("Things", "objects mirrors radiance")
+ViewedObjects = namedtuple("ViewedObjects", "objects mirrors radiance")
 # Working memory of a ray, and of what shades a point.
 Trace = namedtuple("Trace", "origin stack entry hit where")
 Shade = namedtuple("Shade", "start lit blocked v n stack")
@@ -122,19 +122,20 @@ def _cast(ray, place_of, inside, views: Views, volumes: Volumes, rays: Rays, tra
 
 
 def _light(
-    point, seen: Seen, lamps: Lamps, volumes: Volumes, meshes: Meshes, hits: Hits, points: Lit, shade: Shade
+    point, rays: PointRays, lamps: Lamps, volumes: Volumes, meshes: Meshes, hits: Hits, points: Lit,
+    shade: Shade,
 ):  # fmt: skip
     """Write where a point is, its normal, and what of the lamp reaches it past the object."""
     (position, normal, side, irradiance), (start, lit, blocked, v, n, stack) = points, shade
-    ray, row = seen.ray_of[point], slice(point, point + 1)
-    view, beam = seen.view_of[ray], slice(ray, ray + 1)
+    ray, row = rays.ray_of[point], slice(point, point + 1)
+    view, beam = rays.view_of[ray], slice(ray, ray + 1)
     own, first, end = volumes_of(volumes, lamps.objects[view])
     surface = Triangles(
         meshes.corners[first:end], meshes.corner_normals[first:end], meshes.facets[first:end]
     )  # fmt: skip
     lamp, face, barycentric = lamps.places[view : view + 1], hits.face[beam], hits.barycentric[beam]
     _surface_points(
-        face, barycentric, seen.direction[beam], surface, position[row], normal[row], side[row]
+        face, barycentric, rays.direction[beam], surface, position[row], normal[row], side[row]
     )  # fmt: skip
     irradiance[point] = 0.0
     met = face, barycentric, position[row], normal[row], side[row]
@@ -146,10 +147,10 @@ def _light(
 
 
 def _inputs(
-    point, ray_of, view_of, lamps: LampTerms, grids: Grids, shaded: Shaded, asked: Asked, to_light
+    point, ray_of, view_of, lamps: LampTerms, grids: Grids, shaded: Shaded, network: NetworkInputs, to_light
 ):  # fmt: skip
     """Write the network's inputs of a point, a column of `inputs`, and the lobe of its highlight."""
-    (objects, lights, lamp_terms), (inputs, lobe) = lamps, asked
+    (objects, lights, lamp_terms), (inputs, lobe) = lamps, network
     position, normal, direction, irradiance = shaded
     ray = ray_of[point]
     view = view_of[ray]
@@ -231,9 +232,9 @@ def _reflected(point, c, answers, facing, fifth, lobe):
     return _sigmoid(answers[point, ALBEDO + c]) * even + gloss * lobe
 
 
-def _reflect(point, ray_of, view_of, objects, mirrors, answered: Answered, irradiance, reflected):
+def _reflect(point, ray_of, view_of, objects, mirrors, network: NetworkAnswers, irradiance, reflected):
     """Write what a point reflects of the lamp to the mirror that its ray left, (points, 3)."""
-    answers, inputs, lobe = answered
+    answers, inputs, lobe = network
     ray = ray_of[point]
     if mirrors[objects[view_of[ray]]]:
         fifth, light = inputs[FEATURE_ROWS + 7, point], np.float32(irradiance[point])
@@ -242,13 +243,14 @@ def _reflect(point, ray_of, view_of, objects, mirrors, answered: Answered, irrad
 
 
 def _colour(
-    point, seen: Seen, things: Things, answered: Answered, irradiance, normal, reflected, colours
+    point, rays: PointRays, viewed: ViewedObjects, network: NetworkAnswers, irradiance, normal, reflected,
+    colours,
 ):  # fmt: skip
     """Write the RGBA of the ray that meets a point; `reflected` (points, 3) matters to mirrors."""
-    (objects, mirrors, radiance), (answers, inputs, lobe) = things, answered
-    ray, direction = seen.ray_of[point], seen.direction
-    thing = objects[seen.view_of[ray]]
-    facing, light = mirrors[thing], np.float32(irradiance[point])
+    (objects, mirrors, radiance), (answers, inputs, lobe) = viewed, network
+    ray, direction = rays.ray_of[point], rays.direction
+    number = objects[rays.view_of[ray]]
+    facing, light = mirrors[number], np.float32(irradiance[point])
     fifth, rim = inputs[FEATURE_ROWS + 7, point], np.float32(0.0)
     if facing:
         beside = 1.0
@@ -261,7 +263,7 @@ def _colour(
         value += _sigmoid(answers[point, ALBEDO + c]) * _softplus(answers[point, BOUNCED + c])
         if facing:
             value += _schlick(answers[point, FACING + c], rim) * reflected[point, c]
-        colours[ray, c] = value * radiance[thing]
+        colours[ray, c] = value * radiance[number]
     colours[ray, 3] = np.float32(1.0)
 
 
