@@ -43,7 +43,7 @@ _softplus(np.float32(1.0))
 QUERIES = {
     "a kernel": (UNCACHED, 1, 2),
     "sight": ("mug.render(*mug.sample_views(1, seed=0), resolution=64)", 21, 50),
-    "touch": ("mug.press(points)", 21, 60),
+    "touch": ("mug.press(points)", 21, 52),
 }
 # Kernels that first queries of both senses call, with the number of their signatures. Where none is cached,
 # those that another kernel calls are compiled beside it.
@@ -112,7 +112,7 @@ def test_a_first_query_compiles_few_functions_and_each_kernel_for_one_signature(
     (first, _), allowed = answers
     own = [name for name in first[0] if name.startswith("objectfolder.")]
     assert len(own) == len(set(own)) >= allowed.start
-    assert len(first[0][1:]) in allowed
+    assert len(own) in allowed
 
 
 @pytest.mark.slow

@@ -65,7 +65,8 @@ def test_points_about_surfaces_are_of_known_objects_alone(balls):
 
 def test_senses_that_are_unsure_say_together_what_both_think_likely():
     said = np.array([[0.5, 0.5, 0.0], [0.0, 0.5, 0.5]], dtype=np.float32)
-    senses = [Encoded(np.empty((1, 2), np.float32), np.log(row[None] + 1e-9), np.array([1])) for row in said]
+    nothing = np.empty((1, 2), np.float32)
+    senses = [Encoded(nothing, np.log(row[None] + 1e-9), np.array([1]), nothing) for row in said]
     conditions, labels = object_probabilities(senses, seed=0)
     assert labels.tolist() == [1]
     torch.testing.assert_close(conditions, torch.tensor([[0.0, 1.0, 0.0]]), atol=1e-3, rtol=0)

@@ -18,13 +18,13 @@ Floats = NDArray[np.float64]
 # Rings of points at which shapes are compared with themselves turned by a point: less than half a period of
 # any n. Over whole rings shapes of different n are orthogonal.
 RINGS, AROUND = 16, 72
-TURN = 2 * np.pi / AROUND
+TURN_RAD = 2 * np.pi / AROUND
 # How far two modes of a pair may be apart, cents, for the two to be compared.
 MOST_SPLIT_CENTS = 20.0
 # What the turn mixes a mode with others, over what it mixes it with its partner, at most.
 MOST_MIXED = 0.1
 # Distance, at most, of a pair's turned shapes from a rotation by n times the turn, and of n from an integer.
-MOST_DIFFERENCE, MOST_FROM_INTEGER = 0.02, 0.3
+MOST_TURNED_DIFFERENCE, MOST_FROM_INTEGER = 0.02, 0.3
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def with_equal_pairs(spectrum: Spectrum, boundary: Boundary, axis: Axis) -> tupl
 
 def _turned_products(vectors: Floats, boundary: Boundary, axis: Axis) -> tuple[Floats, Floats]:
     """Products of shapes at points of the surface, (k, k), and of shapes with shapes turned, (k, k)."""
-    turns = Rotation.from_rotvec(TURN * np.arange(AROUND)[:, None] * axis.direction).as_matrix()
+    turns = Rotation.from_rotvec(TURN_RAD * np.arange(AROUND)[:, None] * axis.direction).as_matrix()
     start = boundary.surface.sample(RINGS, 0).points - axis.point_m
     points = np.einsum("nab,rb->nra", turns, start) + axis.point_m
     shapes, _ = boundary.evaluate(vectors, points.reshape(-1, 3), 0.0)
@@ -109,12 +109,12 @@ def _pairs(values: Floats, gram: Floats, across: Floats) -> list[list[int]]:
 
 def _is_pair(gram: Floats, across: Floats) -> bool:
     """Whether the turn makes of two shapes what a rotation by n times its angle makes, n >= 1."""
-    made = np.linalg.solve(gram, across)
-    cosine, sine = (made[0, 0] + made[1, 1]) / 2, (made[1, 0] - made[0, 1]) / 2
+    mixing = np.linalg.solve(gram, across)
+    cosine, sine = (mixing[0, 0] + mixing[1, 1]) / 2, (mixing[1, 0] - mixing[0, 1]) / 2
     rotation = np.array([[cosine, -sine], [sine, cosine]]) / np.hypot(cosine, sine)
-    number = abs(np.arctan2(sine, cosine)) / TURN
+    number = abs(np.arctan2(sine, cosine)) / TURN_RAD
     return bool(
         number > 0.5
         and abs(number - round(number)) <= MOST_FROM_INTEGER
-        and np.abs(made - rotation).max() <= MOST_DIFFERENCE
+        and np.abs(mixing - rotation).max() <= MOST_TURNED_DIFFERENCE
     )
