@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from objectfolder.audio.modes.equal_pairs import TURN, _pairs
+from objectfolder.audio.modes.equal_pairs import TURN_RAD, _pairs
 
 
 def turned(numbers: list[int]) -> np.ndarray:
     """Products (k, k) of modes with themselves turned: pairs of n >= 1, single modes of n = 0."""
     blocks = []
     for number in numbers:
-        cosine, sine = np.cos(number * TURN), np.sin(number * TURN)
+        cosine, sine = np.cos(number * TURN_RAD), np.sin(number * TURN_RAD)
         blocks.append(np.array([[cosine, -sine], [sine, cosine]]) if number else np.eye(1))
     size = sum(map(len, blocks))
     result, first = np.zeros((size, size)), 0
