@@ -31,13 +31,13 @@ def commands(page: str) -> list[list[str]]:
     """Commands of a page that ask Object Files and what earlier commands wrote, without their first word."""
     lines = [line for block in blocks(page, "console") for line in block.splitlines()]
     every = [shlex.split(line.removeprefix("$ "), comments=True) for line in lines]
-    asked = []
+    queries = []
     for words in (words[1:] for words in every if words[:1] == ["objectfolder"]):
         serves = words[0] in SERVED and "-o" not in words
         subject = words[1] if len(words) > 1 else ""
         if not serves and subject.endswith((".safetensors", "object_files", "scene.xml")):
-            asked.append(words)
-    return asked
+            queries.append(words)
+    return queries
 
 
 @pytest.fixture
@@ -57,9 +57,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("page", "least"), [("commands.md", 12), ("gallery.md", 2), ("export.md", 1), ("simulators.md", 1)]
 )
 def test_commands_of_a_page_run(page: str, least: int, folder: Path) -> None:
-    asked = commands(page)
-    assert len(asked) >= least
-    for words in asked:
+    queries = commands(page)
+    assert len(queries) >= least
+    for words in queries:
         output = folder / words[words.index("-o") + 1] if "-o" in words else folder
         if output != folder:
             shutil.rmtree(output, ignore_errors=True)  # pages show two ways to write one folder

@@ -202,13 +202,13 @@ def status(*, json: Json = False, root: Root = Path(".")) -> int:
     from pipeline.run.status import status as states
 
     with without_collector():
-        found = states(root.absolute())
+        entries = states(root.absolute())
     if json:
-        print(json_lines([entry.as_mapping() for entry in found], 1))
+        print(json_lines([entry.as_mapping() for entry in entries], 1))
     else:
         running = owner(root.absolute())
-        print_text(f"in use by {running}\n\n{table(found)}" if running else table(found))
-    return FINE if all(one.state == CURRENT for one in found) else FAILED
+        print_text(f"in use by {running}\n\n{table(entries)}" if running else table(entries))
+    return FINE if all(entry.state == CURRENT for entry in entries) else FAILED
 
 
 def plan(

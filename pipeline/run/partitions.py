@@ -104,11 +104,11 @@ def write_partition_inputs(root: Path) -> None:
     table = read_parameters(root / PARAMETERS).objects.table
     for name, share in _shares(rows, len(names)).items():
         own = root / FOLDER / name / table
-        moved = [_moved(row, (root / table).parent, own.parent) for row in share]
+        partition_rows = [_moved(row, (root / table).parent, own.parent) for row in share]
         text = io.StringIO()
         writer = csv.DictWriter(text, [*header, *({"mesh"} - {*header})], lineterminator="\n")
         writer.writeheader()
-        writer.writerows(moved)
+        writer.writerows(partition_rows)
         own.parent.mkdir(parents=True, exist_ok=True)
         write_whole(own, text.getvalue())
         write_inputs(root / FOLDER / name)
@@ -176,8 +176,8 @@ def _stage_of_one(stage: dict[str, Any], name: str) -> dict[str, Any]:
         {up.get(path, path): keys for path, keys in entry.items()} if isinstance(entry, dict) else entry
         for entry in stage.get("params", ())
     ]
-    moved = {**stage, "cmd": f"cd ../.. && {stage['cmd']} --root {FOLDER}/{name}"}
-    return {**moved, "params": parameters} if parameters else moved
+    own_stage = {**stage, "cmd": f"cd ../.. && {stage['cmd']} --root {FOLDER}/{name}"}
+    return {**own_stage, "params": parameters} if parameters else own_stage
 
 
 def _common_stages(root: Path, names: Sequence[str]) -> dict[str, Any]:
@@ -185,7 +185,7 @@ def _common_stages(root: Path, names: Sequence[str]) -> dict[str, Any]:
     objects = read_parameters(root / PARAMETERS).objects
     meshes = "${objects.meshes}" if os.path.isabs(objects.meshes) else "../${objects.meshes}"
     listed = ("${objects.table}", str(RECORDS), str(INPUTS))
-    made = (PER_OBJECT, str(FAILURES), str(MANIFEST))
+    products = (PER_OBJECT, str(FAILURES), str(MANIFEST))
     inputs = {
         "desc": "The table of each partition, and digests of its meshes and textures",
         "cmd": "cd .. && exec python -m pipeline.cli inputs --partitions",
@@ -196,7 +196,7 @@ def _common_stages(root: Path, names: Sequence[str]) -> dict[str, Any]:
     index = {
         "desc": "The reports of all partitions in a page",
         "cmd": "cd .. && exec python -m pipeline.cli report --partitions",
-        "deps": [f"{name}/{path}" for name in names for path in made],
+        "deps": [f"{name}/{path}" for name in names for path in products],
         "params": [{f"../{CODE}": [REPORT]}],
         "outs": [{"index.html": {"cache": False}}],
         "metrics": [{"metrics.json": {"cache": False}}],

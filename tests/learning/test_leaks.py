@@ -145,7 +145,7 @@ def features(seed, tests):
 
 
 def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
-    asked = Retrieval(dimensions=4, epochs=2, margin=0.2, temperature=0.1)
+    parameters = Retrieval(dimensions=4, epochs=2, margin=0.2, temperature=0.1)
     pair = features(0, 0), features(1, 0)
     swapped = [
         Encoder(
@@ -153,7 +153,7 @@ def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
         )
         for one in pair
     ]
-    found, other = similarities(pair, 4, asked, 0), similarities(tuple(swapped), 4, asked, 0)
+    found, other = similarities(pair, 4, parameters, 0), similarities(tuple(swapped), 4, parameters, 0)
     for method, similarity in found.items():
         np.testing.assert_array_equal(similarity, other[method], err_msg=method)
 

@@ -111,8 +111,8 @@ def test_a_sense_is_made_as_sure_as_it_is_right():
     right = log_softmax(random.normal(size=(4000, 6)), axis=1)
     labels = (np.cumsum(np.exp(right), axis=1) < random.random((4000, 1))).sum(axis=1)
     for times in (0.5, 1.0, 3.0):
-        said = Encoded(right, log_softmax(times * right, axis=1), labels, right)
-        assert inverse_temperature(said) == pytest.approx(1 / times, rel=0.1)
+        validation = Encoded(right, log_softmax(times * right, axis=1), labels, right)
+        assert inverse_temperature(validation) == pytest.approx(1 / times, rel=0.1)
 
 
 def test_a_sense_that_never_errs_is_not_without_doubt():

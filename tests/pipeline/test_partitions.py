@@ -188,13 +188,13 @@ def test_dvc_runs_the_partitions_that_changed(tmp_path, monkeypatch):
             assert not dvc.status(targets=[str(FOLDER)], recursive=True)
         return [
             folder
-            for folder, known in zip(folders(tmp_path), before, strict=True)
-            if set(records(folder)) - known
+            for folder, earlier in zip(folders(tmp_path), before, strict=True)
+            if set(records(folder)) - earlier
         ]
 
     assert repro() == folders(tmp_path)
-    made = {path.name for folder in folders(tmp_path) for path in (folder / "data/fidelity").glob("*.zip")}
-    assert made == {f"{object_id}.zarr.zip" for object_id in repository.ids}
+    names = {path.name for folder in folders(tmp_path) for path in (folder / "data/fidelity").glob("*.zip")}
+    assert names == {f"{object_id}.zarr.zip" for object_id in repository.ids}
     repository.write_mesh(repository.ids[0], 0.5)
     (changed,) = repro()
     assert (changed / "data/fidelity" / f"{repository.ids[0]}.zarr.zip").exists()

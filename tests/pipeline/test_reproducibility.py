@@ -123,15 +123,15 @@ def verdicts(first: Path, second: Path, stages: object) -> dict[str, str]:
 def test_products_are_as_declared_on_another_processor(tmp_path, stages, bar):
     usual = run(tmp_path / "usual", stages, bar)
     other = run(tmp_path / "other", stages, bar, **OTHER)
-    found = verdicts(usual, other, stages)
+    verdict_by_name = verdicts(usual, other, stages)
     assert {
         "objects/vertices", "touches/rgb", "touches/attributes/contact", "modes/frequencies_hz"
-    } <= set(found)  # fmt: skip
-    assert [name for name, verdict in found.items() if verdict == DIFFERENT] == []
+    } <= set(verdict_by_name)  # fmt: skip
+    assert [name for name, verdict in verdict_by_name.items() if verdict == DIFFERENT] == []
     # Of geometry and touch, nothing else may differ at all.
     declared_apart = {f"touches/{name}" for name in TOLERANCES["touches"]}
-    exact = {name for name in found if name.startswith(("objects/", "touches/"))} - declared_apart
-    assert {name for name in exact if found[name] != EQUAL} == set()
+    exact = {name for name in verdict_by_name if name.startswith(("objects/", "touches/"))} - declared_apart
+    assert {name for name in exact if verdict_by_name[name] != EQUAL} == set()
 
 
 def written(path: Path, name: str, values: np.ndarray, units: str = "1") -> Path:
@@ -143,29 +143,29 @@ def written(path: Path, name: str, values: np.ndarray, units: str = "1") -> Path
 
 def only(first: Path, second: Path, stage: str, name: str):
     """The finding for one array; all others are equal."""
-    found = {entry.name: entry for entry in compare(first, second, TOLERANCES[stage])}
-    assert {entry.verdict for entry in found.values() if entry.name != name} <= {EQUAL}
-    return found[name]
+    entries = {entry.name: entry for entry in compare(first, second, TOLERANCES[stage])}
+    assert {entry.verdict for entry in entries.values() if entry.name != name} <= {EQUAL}
+    return entries[name]
 
 
 @pytest.mark.parametrize(("value", "other"), [(1.0, np.nextafter(1.0, 2.0)), (0.0, -0.0)])
 def test_one_ulp_or_the_sign_of_zero_is_found_in_an_array_of_the_same_bytes(tmp_path, value, other):
-    one, two = (
+    first, second = (
         written(tmp_path / f"{name}.zarr.zip", "vertices", np.array([[3.0, last]]))
         for name, last in (("a", value), ("b", other))
     )
-    found = only(one, two, "objects", "vertices")
-    assert (found.verdict, found.largest) == (DIFFERENT, abs(other - value))
-    assert found.relative < 1e-15
+    finding = only(first, second, "objects", "vertices")
+    assert (finding.verdict, finding.largest) == (DIFFERENT, abs(other - value))
+    assert finding.relative < 1e-15
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.5, WITHIN), (2.0, DIFFERENT)])
 def test_a_tolerance_ends_where_it_is_declared(tmp_path, share, verdict):
     areas = np.array([1e-5, 3e-5, 2e-5])
-    one = written(tmp_path / "a.zarr.zip", "contact_area_m2", areas, "m2")
-    moved = areas + share * TOLERANCES["touches"]["contact_area_m2"].relative * np.ptp(areas) * np.eye(3)[2]
-    two = written(tmp_path / "b.zarr.zip", "contact_area_m2", moved, "m2")
-    assert only(one, two, "touches", "contact_area_m2").verdict == verdict
+    first = written(tmp_path / "a.zarr.zip", "contact_area_m2", areas, "m2")
+    shifted = areas + share * TOLERANCES["touches"]["contact_area_m2"].relative * np.ptp(areas) * np.eye(3)[2]
+    second = written(tmp_path / "b.zarr.zip", "contact_area_m2", shifted, "m2")
+    assert only(first, second, "touches", "contact_area_m2").verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -173,12 +173,12 @@ def test_a_tolerance_ends_where_it_is_declared(tmp_path, share, verdict):
     [np.ones(3), np.ones(4, np.float32), np.array([1, 1, 1, np.nan]), np.array([1, 1, 1, np.inf])],
 )
 def test_another_shape_type_or_place_of_nan_is_different_whatever_is_allowed(tmp_path, other):
-    one, two = (
+    first, second = (
         written(tmp_path / f"{name}.zarr.zip", "frequencies_hz", values, "Hz")
         for name, values in (("a", np.ones(4)), ("b", other))
     )
-    found = only(one, two, "modes", "frequencies_hz")
-    assert (found.verdict, found.largest) == (DIFFERENT, np.inf)
+    finding = only(first, second, "modes", "frequencies_hz")
+    assert (finding.verdict, finding.largest) == (DIFFERENT, np.inf)
 
 
 def test_an_array_or_attribute_of_one_product_alone_is_different(tmp_path):

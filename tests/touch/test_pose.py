@@ -148,8 +148,8 @@ def test_a_face_counts_less_the_more_it_turns_towards_the_other_side() -> None:
     normals = ridge.face_normals[points.face[near]]
     share = np.clip(1 + normals @ normal / np.cos(np.pi / 4), 0, 1)
     expected = (share**2 * (3 - 2 * share)) @ normals
-    found = mean_normal(ridge, point.tolist())
-    assert np.allclose(found, expected / np.linalg.norm(expected), atol=5e-3)
+    mean = mean_normal(ridge, point.tolist())
+    assert np.allclose(mean, expected / np.linalg.norm(expected), atol=5e-3)
 
 
 def test_the_mean_normal_moves_smoothly_with_the_point() -> None:

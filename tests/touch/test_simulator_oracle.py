@@ -184,8 +184,8 @@ def test_indentations_of_single_triangles_are_those_that_a_search_finds(size: fl
         sides = np.r_[edges[:, 1:].T, -edges[:, 1:].T, [[1.0, 1.0]]]
         limits = np.r_[half - beside, half + beside, 1.0]
         within = linprog([0, 0], sides, limits, bounds=[(0, 1)] * 2)
-        found = indentation(triangle, gel, np.empty((3, 3)))
-        assert np.isfinite(found) == within.success
+        depth = indentation(triangle, gel, np.empty((3, 3)))
+        assert np.isfinite(depth) == within.success
         if not within.success:
             continue
 
@@ -197,7 +197,7 @@ def test_indentations_of_single_triangles_are_those_that_a_search_finds(size: fl
         searched = minimize(
             above, within.x, bounds=[(0, 1)] * 2, constraints=under, options={"ftol": 1e-14, "maxiter": 500}
         )
-        assert found == pytest.approx(-searched.fun / 1e3, abs=1e-8)
+        assert depth == pytest.approx(-searched.fun / 1e3, abs=1e-8)
         met += 1
     assert met > 20
 

@@ -265,8 +265,8 @@ def test_the_image_at_rest_is_the_files_own(world):
 
 
 def test_an_image_that_moves_is_a_draft_and_says_how_long_it_took(world):
-    asked = {"camera_to_world": camera_over(world._points).tolist(), "resolution": 48}
-    header, shown = world.seen({**asked, "draft": True})
+    query = {"camera_to_world": camera_over(world._points).tolist(), "resolution": 48}
+    header, shown = world.seen({**query, "draft": True})
     expected = world._sight.image(camera_over(world._points), 48, draft=True)
     assert shown[: 3 * 48**2] == expected.rgb.tobytes()
     assert header["drawn_ms"] > 0

@@ -40,18 +40,18 @@ def test_the_albedo_lies_on_the_finest_lattice_within_its_bytes_and_is_packed_on
     noise = np.random.default_rng(1).integers(0, 256, (64, 64, 4), dtype=np.uint8)
     noise[..., 3] = 255
     mesh = replace(cube(), textures=(noise,), face_texture=np.zeros(len(cube().faces), dtype=np.int32))
-    kept = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
-    frame = UnitFrame.of_points(kept.vertices)
+    stored = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
+    frame = UnitFrame.of_points(stored.vertices)
     pitches = map_sampling.ALBEDO_PITCHES[:4]
     sizes = []
     for pitch in pitches:
         monkeypatch.setattr(map_sampling, "ALBEDO_PITCHES", (pitch,))
-        sizes.append(len(sample_maps(kept, frame, Appearance()).tensors()["albedo"]))
+        sizes.append(len(sample_maps(stored, frame, Appearance()).tensors()["albedo"]))
     assert sizes == sorted(set(sizes))
     monkeypatch.setattr(map_sampling, "ALBEDO_PITCHES", pitches)
     for allowed, at in [(sizes[0] - 1, 0), *((size, index) for index, size in enumerate(sizes))]:
         monkeypatch.setitem(map_sampling.ALBEDO_BYTES, "learned", allowed)
-        maps = sample_maps(kept, frame, Appearance())
+        maps = sample_maps(stored, frame, Appearance())
         assert maps.pitches == {"albedo": pitches[at]}
         with mock.patch("objectfolder.vision.network.surface_maps.pack_levels", side_effect=AssertionError):
             stream = maps.tensors()["albedo"]

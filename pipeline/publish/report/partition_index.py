@@ -32,8 +32,9 @@ class Tally:
     @classmethod
     def joined(cls, tallies: Sequence["Tally"]) -> "Tally":
         """Return the tally over the objects of several tallies of one measure."""
-        worst = cls.of(tallies[0].measure, [one.worst for one in tallies if one.worst is not None]).worst
-        count, total = sum(one.count for one in tallies), math.fsum(one.total for one in tallies)
+        extremes = [tally.worst for tally in tallies if tally.worst is not None]
+        worst = cls.of(tallies[0].measure, extremes).worst
+        count, total = sum(tally.count for tally in tallies), math.fsum(tally.total for tally in tallies)
         return cls(tallies[0].measure, count, total, worst)
 
     @property
@@ -67,11 +68,11 @@ def write_partition_index(root: Path) -> None:
     """
     reports = [_read(folder) for folder in folders(root)]
     tallies = [Tally.joined(same) for same in zip(*(report.tallies for report in reports), strict=True)]
-    known = [tally for tally in tallies if tally.count or not tally.measure.occasional]
+    measured = [tally for tally in tallies if tally.count or not tally.measure.occasional]
     objects, failed, silent = (
         sum(getattr(report, name) for report in reports) for name in ("objects", "failed", "silent")
     )
-    write_whole(root / FOLDER / "metrics.json", metrics_text(known, objects, failed, silent))
+    write_whole(root / FOLDER / "metrics.json", metrics_text(measured, objects, failed, silent))
     environment = template_environment()
     page = environment.get_template("partitions.html.j2").render(
         policy=security_policy(environment, ()),
