@@ -209,10 +209,10 @@ class Factorisation:
         block = upper.blocksize[0] if upper.format == "bsr" else 1
         for first in range(0, len(upper.indptr) - 1, ROWS_AT_ONCE // block):
             starts = upper.indptr[first : first + ROWS_AT_ONCE // block + 1]
-            held = slice(starts[0], starts[-1])
+            entries = slice(starts[0], starts[-1])
             rows = slice(block * first, block * (first + len(starts) - 1))
             part = type(upper)(
-                (upper.data[held], upper.indices[held], starts - starts[0]),
+                (upper.data[entries], upper.indices[entries], starts - starts[0]),
                 shape=(rows.stop - rows.start, upper.shape[1]),
             )
             yield rows, sparse.triu(part, rows.start, format="csr")

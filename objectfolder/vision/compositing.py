@@ -50,7 +50,7 @@ def on_backdrop(rgba: np.ndarray, behind: np.ndarray) -> np.ndarray:
 
 def on_white(rgba: np.ndarray) -> np.ndarray:
     """Return `composite_on_white` rounded to uint8, (..., 3)."""
-    seen = ~(rgba[..., 3] <= 0)  # elsewhere it is white, and most of a view is elsewhere
+    shown = ~(rgba[..., 3] <= 0)  # elsewhere it is white, and most of a view is elsewhere
     image = np.full((*rgba.shape[:-1], 3), 255, dtype=np.uint8)
-    image[seen] = np.round(composite_on_white(rgba[seen]) * 255.0).astype(np.uint8)
+    image[shown] = np.round(composite_on_white(rgba[shown]) * 255.0).astype(np.uint8)
     return image

@@ -172,8 +172,8 @@ def _lights(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         sums[index] = power[part].sum(axis=(0, 1))
     # Opposite directions may cancel, in a part that spans the whole map.
     length = np.linalg.norm(along, axis=1, keepdims=True)
-    known = length[:, 0] > 1e-9 * (sums @ LUMINANCE)
-    along = np.where(known[:, None], along / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
+    has_direction = length[:, 0] > 1e-9 * (sums @ LUMINANCE)
+    along = np.where(has_direction[:, None], along / np.where(length > 0, length, 1.0), [0.0, 0.0, 1.0])
     which = np.arange(MAP_LIGHTS) * len(along) // MAP_LIGHTS
     return along[which], sums[which] / np.bincount(which)[which, None]
 
@@ -202,7 +202,7 @@ def _median_cut(luminous: np.ndarray) -> list[Part]:
     sums = np.zeros((height + 1, width + 1))
     sums[1:, 1:] = luminous.cumsum(axis=0).cumsum(axis=1)
     pending: list[tuple[float, str, Part]] = []
-    done: list[tuple[str, Part]] = []
+    leaves: list[tuple[str, Part]] = []
 
     def put(path: str, part: Part) -> None:
         top, bottom, left, right = part
@@ -211,12 +211,12 @@ def _median_cut(luminous: np.ndarray) -> list[Part]:
             heapq.heappush(pending, (-float(power), path, part))
 
     put("", (0, height, 0, width))
-    while pending and len(pending) + len(done) < MAP_LIGHTS:
+    while pending and len(pending) + len(leaves) < MAP_LIGHTS:
         _, path, (top, bottom, left, right) = heapq.heappop(pending)
         middle = np.pi * (top + bottom) / (2 * height)
         tall, wide = np.pi * (bottom - top) / height, 2 * np.pi * (right - left) / width * np.sin(middle)
         if bottom - top == 1 and right - left == 1:
-            done.append((path, (top, bottom, left, right)))
+            leaves.append((path, (top, bottom, left, right)))
         elif right - left == 1 or (tall >= wide and bottom - top > 1):
             cut = top + _half(sums[top : bottom + 1, right] - sums[top : bottom + 1, left])
             put(path + "0", (top, cut, left, right))
@@ -225,7 +225,7 @@ def _median_cut(luminous: np.ndarray) -> list[Part]:
             cut = left + _half(sums[bottom, left : right + 1] - sums[top, left : right + 1])
             put(path + "0", (top, bottom, left, cut))
             put(path + "1", (top, bottom, cut, right))
-    return [part for _, part in sorted([*done, *((path, part) for _, path, part in pending)])]
+    return [part for _, part in sorted([*leaves, *((path, part) for _, path, part in pending)])]
 
 
 def _half(sums: np.ndarray) -> int:

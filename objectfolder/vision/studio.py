@@ -56,8 +56,8 @@ def studio_lights(poses: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]
 
 def exposure(rgba: np.ndarray) -> float:
     """Return the factor of linear images (n, h, w, 4) of one object that shows it best."""
-    seen = rgba[..., :3].max(axis=-1)[rgba[..., 3] > 0.5]
-    level = float(np.quantile(seen, WHITE_SHARE)) if len(seen) else 0.0
+    brightness = rgba[..., :3].max(axis=-1)[rgba[..., 3] > 0.5]
+    level = float(np.quantile(brightness, WHITE_SHARE)) if len(brightness) else 0.0
     return WHITE_LEVEL / level if level > 0 else 1.0
 
 

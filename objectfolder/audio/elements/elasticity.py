@@ -204,16 +204,16 @@ def gains_of_more_functions(
     # Functions of an element come by ascending order: those used by any are among the first, those left out
     # by any among the last.
     of_elements = chosen[space.numbers]
-    used = slice(0, int(np.flatnonzero(of_elements.any(axis=0)).max(initial=-1)) + 1)
-    left = slice(int(of_elements.all(axis=0).argmin()), space.numbers.shape[1])
-    own = np.arange(left.start, left.stop)
+    present = slice(0, int(np.flatnonzero(of_elements.any(axis=0)).max(initial=-1)) + 1)
+    absent = slice(int(of_elements.all(axis=0).argmin()), space.numbers.shape[1])
+    own = np.arange(absent.start, absent.stop)
     for elements, blocks, weights in matrices:
-        numbers = space.numbers[elements][:, left]
-        matrix = blocks[:, left, used].transpose(0, 1, 3, 2, 4)
+        numbers = space.numbers[elements][:, absent]
+        matrix = blocks[:, absent, present].transpose(0, 1, 3, 2, 4)
         matrix = matrix.reshape(len(elements), 3 * len(own), -1)
-        local = vectors[space.numbers[elements][:, used]]
+        local = vectors[space.numbers[elements][:, present]]
         force = np.matmul(matrix, local.reshape(len(elements), -1, modes))
-        inertia = np.matmul(weights[:, left, used], local.reshape(*local.shape[:2], 3 * modes))
+        inertia = np.matmul(weights[:, absent, present], local.reshape(*local.shape[:2], 3 * modes))
         inertia = inertia.reshape(len(elements), len(own), 3, modes) * eta_squared
         excess = (force.reshape(inertia.shape) - inertia).reshape(-1, 3 * modes)
         entries = numbers.size

@@ -45,11 +45,11 @@ def minimise(
     direction, before, conjugate = np.zeros_like(pressure), 1.0, False
     for iteration in range(maximum_iterations + 1):
         touching = pressure > 0
-        left = displacement + gap_m
-        indentation = float(left[touching].mean()) if indentation_m is None else indentation_m
-        left -= indentation
-        gradient = np.where(touching, left, 0.0)
-        violation = max(float(np.abs(gradient).max()), -float(left.min()))
+        gap = displacement + gap_m
+        indentation = float(gap[touching].mean()) if indentation_m is None else indentation_m
+        gap -= indentation
+        gradient = np.where(touching, gap, 0.0)
+        violation = max(float(np.abs(gradient).max()), -float(gap.min()))
         if violation <= (allowed := tolerance * (indentation - nearest)):
             return pressure, indentation, iteration
         squared = float(np.vdot(gradient, gradient))
@@ -59,8 +59,8 @@ def minimise(
         change = compliance.displacement(direction)
         step = _step(gradient, direction, change, violation)
         moved = pressure - step * direction
-        overlapping = ~touching & (left < 0)
-        moved[overlapping] = -step * left[overlapping]
+        overlapping = ~touching & (gap < 0)
+        moved[overlapping] = -step * gap[overlapping]
         before, conjugate = squared, not overlapping.any()
         if conjugate and float(moved.min()) >= 0:
             pressure, displacement = moved, displacement - step * change

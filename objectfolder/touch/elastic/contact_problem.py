@@ -298,16 +298,16 @@ def _solved(
         start = np.zeros(gap.shape)
         start[box] = pressure
         displacement = whole.displacement(start)
-        left = displacement + gap - reached
+        final_gap = displacement + gap - reached
         scale = reached - nearest
-        missed = left < -tolerance * scale
+        missed = final_gap < -tolerance * scale
         missed[box] = False
         if not missed.any():
             break
         cells = cells | missed
     touching = start > 0
-    residual = max(float(np.abs(left[touching]).max()), -float(left.min())) / scale
-    return Contact(start, displacement, left, float(reached), pitch, residual, iterations)
+    residual = max(float(np.abs(final_gap[touching]).max()), -float(final_gap.min())) / scale
+    return Contact(start, displacement, final_gap, float(reached), pitch, residual, iterations)
 
 
 def _indentation_estimate(

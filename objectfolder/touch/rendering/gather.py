@@ -82,11 +82,11 @@ def resolve(record, extent, values, sample_depth, gel_values, rays, steps, pictu
                     covered += 1
             if covered == 0:
                 continue
-            left, background = np.float32(rays - covered), gel_values[i, j]
+            uncovered, background = np.float32(rays - covered), gel_values[i, j]
             red, green, blue = (
-                red + left * background[0],
-                green + left * background[1],
-                blue + left * background[2],
+                red + uncovered * background[0],
+                green + uncovered * background[1],
+                blue + uncovered * background[2],
             )
             rgb[i, j, 0] = np.uint8(red * share * scale + half)
             rgb[i, j, 1] = np.uint8(green * share * scale + half)
@@ -154,11 +154,11 @@ def _indentation(deep, lateral, vertical, radius, stretch):
 
 
 @arrayless(relaxed_kernel)
-def _gather(raster, corner_normals, faces, pose, gel, rays, working, seen):
+def _gather(raster, corner_normals, faces, pose, gel, rays, working, shaded):
     """Write what `gather_samples` returns; working memory are (m, 3, 3), and (m,) of 0."""
     (owner, nearness, extent, edges, inverse), (maps, doubled_area) = raster, working
     camera, u, shift, v = rays.camera, rays.u, rays.shift, rays.v
-    positions, normals, depth = seen
+    positions, normals, depth = shaded
     px, py, pz = positions[0], positions[1], positions[2]
     nx, ny, nz = normals[0], normals[1], normals[2]
     camera_x, apex_y, apex_z, radius, stretch = camera[0], gel[1], gel[2], gel[5], gel[6]
@@ -217,8 +217,8 @@ def gather_samples(
     """
     most = int(np.maximum(raster.extent[:, 1] - raster.extent[:, 0] + 1, 0).sum())
     working = np.empty((len(faces), 3, 3)), np.zeros(len(faces))
-    seen = SeenPoints(
+    shaded = SeenPoints(
         np.empty((3, most), dtype=np.float32), np.empty((3, most), dtype=np.float32), np.empty(most)
     )
-    count, area = _gather(raster, corner_normals, faces, pose, gel, rays, working, seen)
-    return count, seen, area
+    count, area = _gather(raster, corner_normals, faces, pose, gel, rays, working, shaded)
+    return count, shaded, area

@@ -133,11 +133,11 @@ class NormalEquations:
 
     def _smoothed(self, smoothness: float, uniformity: float, share: float) -> Any:
         bending = _second_differences(self.shape, _unknowns(self.shape), self.matrix.shape[0]).tocsr()
-        held = smoothness / bending.shape[0] * (bending.T @ bending)
+        penalty = smoothness / bending.shape[0] * (bending.T @ bending)
         if uniformity:
             uneven = _place_differences(self.matrix.shape[0], share)
-            held = held + uniformity / uneven.shape[0] * (uneven.T @ uneven)
-        return (self.matrix / self.count + held).tocsc()
+            penalty = penalty + uniformity / uneven.shape[0] * (uneven.T @ uneven)
+        return (self.matrix / self.count + penalty).tocsc()
 
 
 def _rays(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
@@ -179,8 +179,8 @@ def _check(
 ) -> None:
     size = (sensor.image_height, sensor.image_width, 3)
     if images.ndim != 4 or images.shape[1:] != size or untouched.shape != size:
-        found = f"shapes {images.shape} and {untouched.shape}"
-        raise InputError("images", found, f"Give (n, {size[0]}, {size[1]}, 3) and one of them untouched.")
+        shapes = f"shapes {images.shape} and {untouched.shape}"
+        raise InputError("images", shapes, f"Give (n, {size[0]}, {size[1]}, 3) and one of them untouched.")
     if centres_m.shape != (len(images), 2) or depths_m.shape != (len(images),):
         raise InputError("centres_m, depths_m", "not one for each image", "Give (n, 2) and (n,).")
 

@@ -240,7 +240,7 @@ def _meet(triangle, ox, oy, oz, dx, dy, dz):
 
 
 @arrayless(kernel)
-def _first_hits(volumes, origins, directions, stack, entry, found, barycentric):
+def _first_hits(volumes, origins, directions, stack, entry, face_of_ray, barycentric):
     boxes, children, counts, triangles, faces = volumes
     for ray in range(len(origins)):
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
@@ -270,19 +270,19 @@ def _first_hits(volumes, origins, directions, stack, entry, found, barycentric):
                 for position in range(~child, ~child + counts[node, side]):
                     distance, u, v = _meet(triangles[position], ox, oy, oz, dx, dy, dz)
                     if distance < nearest or (
-                        distance == nearest and distance < np.inf and faces[position] < found[ray]
+                        distance == nearest and distance < np.inf and faces[position] < face_of_ray[ray]
                     ):
                         nearest = distance
                         limit = np.float32(distance * (1 + 1e-6))
-                        found[ray] = faces[position]
+                        face_of_ray[ray] = faces[position]
                         barycentric[ray, 0], barycentric[ray, 1], barycentric[ray, 2] = 1 - u - v, u, v
 
 
 @arrayless(kernel)
-def _front_faces(volumes, origins, directions, reach, stack, found, place, number):
+def _front_faces(volumes, origins, directions, reach, stack, faces_of_ray, place, number):
     """Write what `BoundingVolumes.front_faces` parts: place (n, most, 3) is distance and two coordinates."""
     boxes, children, counts, triangles, faces = volumes
-    most = found.shape[1]
+    most = faces_of_ray.shape[1]
     for ray in range(len(origins)):
         ox, oy, oz = origins[ray, 0], origins[ray, 1], origins[ray, 2]
         dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
@@ -320,12 +320,12 @@ def _front_faces(volumes, origins, directions, reach, stack, found, place, numbe
                         continue
                     while last > 0 and place[ray, last - 1, 0] > distance:
                         if last < most:
-                            found[ray, last] = found[ray, last - 1]
+                            faces_of_ray[ray, last] = faces_of_ray[ray, last - 1]
                             for k in range(3):
                                 place[ray, last, k] = place[ray, last - 1, k]
                         last -= 1
                     if last < most:
-                        found[ray, last] = faces[position]
+                        faces_of_ray[ray, last] = faces[position]
                         place[ray, last, 0], place[ray, last, 1], place[ray, last, 2] = distance, u, v
                         number[ray] = min(number[ray] + 1, most)
 

@@ -87,9 +87,11 @@ class Draft:
         mirrored = points.direction - 2 * cosine * points.normal
         every = np.arange(len(albedo))
         even, gloss = self._network.reflected(points, features, every, mirrored, self._network.alpha2)
-        known = isinstance(self._network, KnownLight)
+        is_known_light = isinstance(self._network, KnownLight)
         alpha2 = (
-            features[:, :1].astype(np.float64) if known else np.full((len(albedo), 1), self._network.alpha2)
+            features[:, :1].astype(np.float64)
+            if is_known_light
+            else np.full((len(albedo), 1), self._network.alpha2)
         )
         strength = gloss * (4 * alpha2) * np.maximum(cosine**2, LEAST_COSINE)
         share, bounced = np.split(

@@ -300,8 +300,8 @@ def _covered(projection: Projection, samples: int) -> tuple[np.ndarray, np.ndarr
     count = projection.height * projection.width
     slots = np.arange(count, dtype=np.int32).reshape(projection.height, projection.width)
     offsets = np.ascontiguousarray((sub_ray_offsets(samples) - 0.5).astype(np.float32).T)
-    seen, _ = projection.sample(slots, count, offsets)
-    row, column = np.divmod(np.flatnonzero((seen >= 0).any(axis=1)), max(projection.width, 1))
+    front_faces, _ = projection.sample(slots, count, offsets)
+    row, column = np.divmod(np.flatnonzero((front_faces >= 0).any(axis=1)), max(projection.width, 1))
     return projection.top + row, projection.left + column
 
 

@@ -20,13 +20,13 @@ def samples_to_ask(
 
     These are evenly spaced samples of the lattice, and all of a group that has none of them.
     """
-    chosen = label[rows]
-    step = max(1, chosen.shape[1] // rays)
-    regular = np.arange(chosen.shape[1]) % step == step // 2
+    labels = label[rows]
+    step = max(1, labels.shape[1] // rays)
+    regular = np.arange(labels.shape[1]) % step == step // 2
     met = np.zeros((len(rows), groups + 1), dtype=bool)  # the last is that of no group
-    np.put_along_axis(met, chosen[:, regular].astype(np.int64), True, axis=1)
-    known = np.take_along_axis(met, chosen.astype(np.int64), axis=1)
-    row, sample = np.nonzero((chosen >= 0) & (regular | ~known))
+    np.put_along_axis(met, labels[:, regular].astype(np.int64), True, axis=1)
+    has_regular = np.take_along_axis(met, labels.astype(np.int64), axis=1)
+    row, sample = np.nonzero((labels >= 0) & (regular | ~has_regular))
     return rows[row], np.ascontiguousarray(sample)
 
 
@@ -50,20 +50,20 @@ def _split_groups(label, pixel, sample, blocked, offsets_x, offsets_y, groups, r
     count, first = label.shape[1], 0
     while first < len(pixel):
         p, last = pixel[first], first
-        some = False
+        any_blocked = False
         while last < len(pixel) and pixel[last] == p:
-            some |= blocked[last]
+            any_blocked |= blocked[last]
             last += 1
-        if some:
+        if any_blocked:
             for s in range(count):
                 raised[s] = False
                 gap = np.float32(np.inf)
-                for asked in range(first, last):
-                    t = sample[asked]
+                for ray in range(first, last):
+                    t = sample[ray]
                     if label[p, t] == label[p, s]:
                         away = (offsets_x[s] - offsets_x[t]) ** 2 + (offsets_y[s] - offsets_y[t]) ** 2
                         if away < gap:
-                            gap, raised[s] = away, blocked[asked]
+                            gap, raised[s] = away, blocked[ray]
             for s in range(count):
                 if raised[s]:
                     label[p, s] += groups
@@ -79,14 +79,14 @@ GROUPS = 8
 
 
 def group_samples(
-    seen: np.ndarray, nearness: np.ndarray, centres: tuple[np.ndarray, np.ndarray], functions: np.ndarray,
-    facets: np.ndarray, offsets: np.ndarray, slant: float,
+    front_faces: np.ndarray, nearness: np.ndarray, centres: tuple[np.ndarray, np.ndarray],
+    functions: np.ndarray, facets: np.ndarray, offsets: np.ndarray, slant: float,
 ) -> np.ndarray:  # fmt: skip
     """Return the group (p, s) int8 of each sub-sample, -1 where nothing is seen.
 
     Parameters
     ----------
-    seen, nearness
+    front_faces, nearness
         (p, s) as of `rasteriser.rasterise`.
     centres
         Columns and rows (p,) of the centres of the pixels.
@@ -99,27 +99,27 @@ def group_samples(
     slant
         Width of a pixel at distance 1.
     """
-    label, first = np.full(seen.shape, -1, dtype=np.int8), np.empty(GROUPS, dtype=np.int64)
-    _group_samples(seen, nearness, centres, (functions, facets), offsets, slant, first, label)
+    label, first = np.full(front_faces.shape, -1, dtype=np.int8), np.empty(GROUPS, dtype=np.int64)
+    _group_samples(front_faces, nearness, centres, (functions, facets), offsets, slant, first, label)
     return label
 
 
 @arrayless(kernel)
-def _group_samples(seen, nearness, centres, faces, offsets, slant, first, label):
+def _group_samples(front_faces, nearness, centres, faces, offsets, slant, first, label):
     (columns, rows), (functions, facets) = centres, faces
     offsets_x, offsets_y = offsets[0], offsets[1]
-    pixels, count = seen.shape
+    pixels, count = front_faces.shape
     for p in range(pixels):
         groups = 0
         for s in range(count):
-            face = seen[p, s]
+            face = front_faces[p, s]
             if face < 0:
                 continue
-            chosen = -1
+            group = -1
             for g in range(groups):
                 other = first[g]
                 if other == face:
-                    chosen = g
+                    group = g
                     break
                 cosine = (
                     facets[face, 0] * facets[other, 0]
@@ -137,20 +137,20 @@ def _group_samples(seen, nearness, centres, faces, offsets, slant, first, label)
                 )
                 # Depths z and z' differ by less than a few widths z * slant: |1/z - 1/z'| < ... / z.
                 if abs(plane - nearness[p, s]) <= OFF_PLANE_PX * slant * nearness[p, s]:
-                    chosen = g
+                    group = g
                     break
-            if chosen < 0:
+            if group < 0:
                 if groups < GROUPS:
                     first[groups] = face
                     groups += 1
-                chosen = groups - 1
-            label[p, s] = chosen
+                group = groups - 1
+            label[p, s] = group
 
 
 def choose_samples(
-    label: np.ndarray, groups: int, offsets: np.ndarray, wanted: np.ndarray, targets: np.ndarray
+    label: np.ndarray, groups: int, offsets: np.ndarray, samples_per_group: np.ndarray, targets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Choose up to `wanted` spread sub-samples to stand for each group.
+    """Choose up to `samples_per_group` spread sub-samples to stand for each group.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def choose_samples(
         Most groups a pixel has.
     offsets
         (2, s).
-    wanted
+    samples_per_group
         (p,) int64 how many a group.
     targets
         (most, most, 2) float32: in [k - 1] the k places in the unit square to be near to.
@@ -175,7 +175,7 @@ def choose_samples(
         (n,) float32 share of the pixel it stands for.
     """
     count, most = label.shape[1], len(targets)
-    room = int(np.minimum(count, wanted * groups).sum())
+    room = int(np.minimum(count, samples_per_group * groups).sum())
     pixel, sample = np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32)
     group, weight = np.empty(room, dtype=np.int8), np.empty(room, dtype=np.float32)
     whole = (
@@ -186,26 +186,26 @@ def choose_samples(
         np.empty((groups, count), dtype=np.int64), np.empty(groups, dtype=np.int64),
         np.empty((4, count), dtype=np.float32),
     )  # fmt: skip
-    chosen = pixel, sample, group, weight
-    total = _choose_samples(label, offsets, wanted, targets, whole, working, chosen)
+    choice = pixel, sample, group, weight
+    total = _choose_samples(label, offsets, samples_per_group, targets, whole, working, choice)
     return pixel[:total], sample[:total], group[:total], weight[:total]
 
 
 @arrayless(kernel)
-def _choose_samples(label, offsets, wanted, targets, whole_pixels, working, chosen):
+def _choose_samples(label, offsets, samples_per_group, targets, whole_pixels, working, choice):
     """Write the answer of `choose_samples`, and return how many samples there are.
 
-    A pixel of one group has the same samples chosen every time: row k - 1 of the samples and weights of
+    A pixel of one group has the same samples every time: row k - 1 of the samples and weights of
     `whole_pixels`, once it is known. Working memory are members (groups, s) and sizes (groups,) of groups,
     and (4, s) numbers.
     """
     whole_sample, whole_weight, whole_known = whole_pixels
-    (members, sizes, near), (pixel, sample, group, weight) = working, chosen
+    (members, sizes, near), (pixel, sample, group, weight) = working, choice
     pixels, count = label.shape
     groups = len(sizes)
     total = np.int64(0)  # a literal would have `_stand_for` compiled twice
     for p in range(pixels):
-        k = min(wanted[p], count)
+        k = min(samples_per_group[p], count)
         if k == 0:
             continue
         only = label[p, 0]
@@ -242,12 +242,12 @@ def _choose_samples(label, offsets, wanted, targets, whole_pixels, working, chos
 
 
 @arrayless(kernel)
-def _stand_for(members, size, offsets, targets, most, near, chosen, total):
+def _stand_for(members, size, offsets, targets, most, near, choice, total):
     """Write up to `most` of `members` (>= size,) and the shares nearest to each from row `total` on.
 
-    Return the row after them. Working memory are `near` (4, s): places of the members, and of those chosen.
+    Return the row after them. Working memory are `near` (4, s): of members, and of samples.
     """
-    offsets_x, offsets_y, (sample, weight) = offsets[0], offsets[1], chosen
+    offsets_x, offsets_y, (sample, weight) = offsets[0], offsets[1], choice
     low_x, high_x = np.float32(1.0), np.float32(-1.0)
     low_y, high_y = np.float32(1.0), np.float32(-1.0)
     x, y, chosen_x, chosen_y = near[0], near[1], near[2], near[3]
@@ -256,27 +256,27 @@ def _stand_for(members, size, offsets, targets, most, near, chosen, total):
         x[m], y[m] = offsets_x[s], offsets_y[s]
         low_x, high_x = min(low_x, x[m]), max(high_x, x[m])
         low_y, high_y = min(low_y, y[m]), max(high_y, y[m])
-    kept = min(most, size)
-    for j in range(kept):
+    stand_ins = min(most, size)
+    for j in range(stand_ins):
         aim_x = low_x + (high_x - low_x) * targets[j, 0]
         aim_y = low_y + (high_y - low_y) * targets[j, 1]
         nearest, gap = -1, np.float32(np.inf)
         for m in range(size):
             away = (x[m] - aim_x) ** 2 + (y[m] - aim_y) ** 2
             if away < gap:
-                taken = False
+                repeated = False
                 for t in range(total, total + j):
-                    taken |= sample[t] == members[m]
-                if not taken:
+                    repeated |= sample[t] == members[m]
+                if not repeated:
                     nearest, gap = m, away
         sample[total + j], weight[total + j] = members[nearest], 0.0
         chosen_x[j], chosen_y[j] = x[nearest], y[nearest]
     share = np.float32(1.0 / len(offsets_x))
     for m in range(size):
         nearest, gap = 0, np.float32(np.inf)
-        for j in range(kept):
+        for j in range(stand_ins):
             away = (x[m] - chosen_x[j]) ** 2 + (y[m] - chosen_y[j]) ** 2
             if away < gap:
                 nearest, gap = j, away
         weight[total + nearest] += share
-    return total + kept
+    return total + stand_ins

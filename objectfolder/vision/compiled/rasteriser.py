@@ -66,7 +66,7 @@ def edge_functions(
 
 
 @arrayless(relaxed_kernel)
-def rasterise(functions, reach, slots, corner, offsets, seen, nearness):
+def rasterise(functions, reach, slots, corner, offsets, front_faces, nearness):
     """Write the nearest face at each sub-sample of the pixels that have a slot.
 
     Parameters
@@ -79,7 +79,7 @@ def rasterise(functions, reach, slots, corner, offsets, seen, nearness):
         Top and left, where the window begins.
     offsets
         (2, s) float32 of the sub-samples from the centre of the pixel.
-    seen, nearness
+    front_faces, nearness
         (slots, s) int32 face (-1 at first) and float32 one over depth (0 at first); changed.
     """
     (height, width), (top, left) = slots.shape, corner
@@ -114,7 +114,7 @@ def rasterise(functions, reach, slots, corner, offsets, seen, nearness):
                 e0 += np.float32(WIDENING) * slack0
                 e1 += np.float32(WIDENING) * slack1
                 e2 += np.float32(WIDENING) * slack2
-                faces_here, nearness_here = seen[slot], nearness[slot]
+                faces_here, nearness_here = front_faces[slot], nearness[slot]
                 for s in range(count):
                     ox, oy = offsets_x[s], offsets_y[s]
                     inside = min(min(e0 + a0 * ox + b0 * oy, e1 + a1 * ox + b1 * oy), e2 + a2 * ox + b2 * oy)

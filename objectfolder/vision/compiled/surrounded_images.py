@@ -40,8 +40,8 @@ def shade_surrounded(shading: Shading, view: View, around: Surroundings, effort:
         total: np.ndarray = sum_by_pixel(chosen.pixel, chosen.weight, colour, len(view.rows))
         return total
 
-    def shaded(wanted: np.ndarray, samples: int) -> np.ndarray:
-        chosen = shading.chosen(view, labels, wanted)
+    def shaded(samples_per_group: np.ndarray, samples: int) -> np.ndarray:
+        chosen = shading.chosen(view, labels, samples_per_group)
         of = probe[chosen.pixel, chosen.group]
         cast = cast_of(view, chosen)
         if is_known:

@@ -71,10 +71,10 @@ class Projection:
 
     def sample(self, slots: np.ndarray, count: int, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return face (-1: none) and one over depth (count, s) at (2, s) offsets in pixels with a slot."""
-        seen = np.full((count, offsets.shape[1]), -1, dtype=np.int32)
-        nearness = np.zeros(seen.shape, dtype=np.float32)
-        rasterise(self.functions, self.reach, slots, (self.top, self.left), offsets, seen, nearness)
-        return seen, nearness
+        front_faces = np.full((count, offsets.shape[1]), -1, dtype=np.int32)
+        nearness = np.zeros(front_faces.shape, dtype=np.float32)
+        rasterise(self.functions, self.reach, slots, (self.top, self.left), offsets, front_faces, nearness)
+        return front_faces, nearness
 
 
 @dataclass(frozen=True)
@@ -85,21 +85,21 @@ class Samples:
     ----------
     start
         Number of the first of these pixels among all of the view.
-    seen, label
+    front_faces, label
         (p, s) face and group of each sub-sample.
     offsets
         (2, s) of the sub-samples from the centre.
     """
 
     start: int
-    seen: np.ndarray
+    front_faces: np.ndarray
     label: np.ndarray
     offsets: np.ndarray
 
     @property
     def pixels(self) -> slice:
         """Which pixels of the view these are."""
-        return slice(self.start, self.start + len(self.seen))
+        return slice(self.start, self.start + len(self.front_faces))
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class View:
         """Return the face seen and the image point x, y of sub-samples (n,) of pixels (n,) of `samples`."""
         x = self.columns[samples.pixels][pixel] + samples.offsets[0, sample]
         y = self.rows[samples.pixels][pixel] + samples.offsets[1, sample]
-        return samples.seen[pixel, sample], x, y
+        return samples.front_faces[pixel, sample], x, y
 
 
 def look(
@@ -158,31 +158,33 @@ def look(
     """
     height, width = projection.height, projection.width
 
-    def grouped(slots: np.ndarray, count: int, wanted: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        offsets = np.ascontiguousarray((sub_ray_offsets(wanted) - 0.5).astype(np.float32).T)
-        seen, nearness = projection.sample(slots, count, offsets)
+    def grouped(slots: np.ndarray, count: int, per_pixel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        offsets = np.ascontiguousarray((sub_ray_offsets(per_pixel) - 0.5).astype(np.float32).T)
+        front_faces, nearness = projection.sample(slots, count, offsets)
         rows, columns = np.nonzero(slots >= 0)
         label = group_samples(
-            seen, nearness, (projection.left + columns + 0.5, projection.top + rows + 0.5),
+            front_faces, nearness, (projection.left + columns + 0.5, projection.top + rows + 0.5),
             projection.functions, facets, offsets, 1.0 / projection.focal,
         )  # fmt: skip
-        return seen, label, offsets
+        return front_faces, label, offsets
 
     everywhere = np.arange(height * width, dtype=np.int32).reshape(height, width)
-    seen, label, offsets = grouped(everywhere, height * width, samples)
+    front_faces, label, offsets = grouped(everywhere, height * width, samples)
     uneven = unevenly_seen(label, (height, width)).ravel()
     even = np.flatnonzero((label[:, 0] >= 0) & ~uneven)
     again = np.flatnonzero(uneven)
     slots = np.full(height * width, -1, dtype=np.int32)
     slots[again] = np.arange(len(again), dtype=np.int32)
-    finer_seen, finer_label, finer_offsets = grouped(slots.reshape(height, width), len(again), samples_uneven)
+    finer_faces, finer_label, finer_offsets = grouped(
+        slots.reshape(height, width), len(again), samples_uneven
+    )
     covered = np.count_nonzero(finer_label >= 0, axis=1)
-    found = np.flatnonzero(covered)
-    pixel = np.concatenate([even, again[found]])
+    covered_pixels = np.flatnonzero(covered)
+    pixel = np.concatenate([even, again[covered_pixels]])
     slots[:] = -1
     slots[pixel] = np.arange(len(pixel), dtype=np.int32)
     rows, columns = np.divmod(pixel, max(width, 1))
-    coverage = np.concatenate([np.ones(len(even)), covered[found] / samples_uneven])
+    coverage = np.concatenate([np.ones(len(even)), covered[covered_pixels] / samples_uneven])
     slots = slots.reshape(height, width)
     return View(
         projection,
@@ -194,8 +196,8 @@ def look(
         if samples_outline > samples_uneven
         else coverage,
         (
-            Samples(0, seen[even], label[even], offsets),
-            Samples(len(even), finer_seen[found], finer_label[found], finer_offsets),
+            Samples(0, front_faces[even], label[even], offsets),
+            Samples(len(even), finer_faces[covered_pixels], finer_label[covered_pixels], finer_offsets),
         ),
     )
 
@@ -209,6 +211,6 @@ def _finer_coverage(
     for pixels in np.split(outline, range(OUTLINE_AT_ONCE, len(outline), OUTLINE_AT_ONCE)):
         rank = np.full(len(coverage) + 1, -1, dtype=np.int32)  # the last is that of no pixel
         rank[pixels] = np.arange(len(pixels))
-        seen, _ = projection.sample(rank[slots], len(pixels), offsets)
-        finer[pixels] = np.count_nonzero(seen >= 0, axis=1) / samples
+        front_faces, _ = projection.sample(rank[slots], len(pixels), offsets)
+        finer[pixels] = np.count_nonzero(front_faces >= 0, axis=1) / samples
     return finer

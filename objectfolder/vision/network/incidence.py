@@ -152,9 +152,9 @@ class UnitSurface:
         facet = self.surface.face_normals[face]
         facet = facet * np.where(np.einsum("ij,ij->i", facet, points.to_camera) < 0, -1.0, 1.0)[:, None]
         start, directions = mirror_rays(points.position, points.normal, points.to_camera, facet)
-        found, barycentric = self.first_hits(start, directions)
-        row = np.flatnonzero(found >= 0)
-        return MirrorHits(row, found[row], barycentric[row], directions[row])
+        faces, barycentric = self.first_hits(start, directions)
+        row = np.flatnonzero(faces >= 0)
+        return MirrorHits(row, faces[row], barycentric[row], directions[row])
 
 
 def bent_share(upright: np.ndarray, bent: np.ndarray, to_light: np.ndarray) -> np.ndarray:
@@ -223,15 +223,15 @@ def shadow_ray_start(
     amount = np.clip(near, 0.0, 1.0)
     # Where the light is behind the facet the ray is meant to meet it, unless the lift clears it.
     start = position + SELF_OFFSET * facet
-    some = np.flatnonzero(amount > 0)
-    v, n, b = triangles[some], corner_normals[some], barycentric[some]
-    bulge = np.zeros(len(some))
+    lifted = np.flatnonzero(amount > 0)
+    v, n, b = triangles[lifted], corner_normals[lifted], barycentric[lifted]
+    bulge = np.zeros(len(lifted))
     for i, j in ((0, 1), (1, 2), (2, 0)):
         bulge += b[:, i] * b[:, j] * np.einsum("ij,ij->i", n[:, j] - n[:, i], v[:, j] - v[:, i])
     planes = []
     for i in range(3):
         rise = np.einsum("ijk,ik->ij", v - v[:, i : i + 1], n[:, i]).max(axis=1)
-        planes.append(np.maximum(np.einsum("ij,ij->i", v[:, i] - position[some], n[:, i]) + rise, 0.0))
+        planes.append(np.maximum(np.einsum("ij,ij->i", v[:, i] - position[lifted], n[:, i]) + rise, 0.0))
     height = np.maximum(np.minimum(np.minimum(planes[0], planes[1]), planes[2]), bulge / 2)
-    start[some] += (amount[some] * height)[:, None] * np.einsum("ij,ijk->ik", b, n)
+    start[lifted] += (amount[lifted] * height)[:, None] * np.einsum("ij,ijk->ik", b, n)
     return start

@@ -100,7 +100,7 @@ def render_conditions(
         if name != NEAR_CONDITION or not any(near is None for _, near in directions)
     ]
     away = np.array([anywhere if near is None else near for anywhere, near in directions])
-    taken, shots = [], []
+    records, shots = [], []
     for name in names:
         condition = CONDITIONS[name]
         size, around = condition.resolution_px, condition.environment
@@ -108,7 +108,7 @@ def render_conditions(
         lamps = condition.lamp_distance * away
         seeds = path.integers(0, 2**30, 2 * count, dtype=np.int32)
         least = max(1, int(PATH_SHARE * samples))
-        taken.append((parts, lamps))
+        records.append((parts, lamps))
         shots.append(Shots(
             np.tile(cameras, (2, 1, 1)), np.tile(lamps, (2, 1)), seeds, least, size, size, field_of_view_deg,
             light_power_w, threads=threads, environment=None if around is None else named_map(around),
@@ -131,7 +131,7 @@ def render_conditions(
         attributes[name] = {**vars(CONDITIONS[name]), "noise_floor_db": _floor(first, second)}
     arrays = _arrays(
         np.concatenate(images), np.tile(cameras, (len(names), 1, 1)),
-        *(np.concatenate(column) for column in zip(*taken, strict=True)),
+        *(np.concatenate(column) for column in zip(*records, strict=True)),
     )  # fmt: skip
     return arrays, {"conditions": attributes, "condition_noise_floor_definition": CONDITION_NOISE_FLOOR}
 
@@ -146,8 +146,8 @@ def _direction(
     # What a ray outwards does not meet is not around the lamp.
     clear = surface.ray_hits(lamps, directions).face < 0
     clear &= surface.closest_points(lamps).distance >= LAMP_CLEARANCE
-    some = np.flatnonzero(clear)
-    return directions[0], directions[some[0]] if len(some) else None
+    clear_lamps = np.flatnonzero(clear)
+    return directions[0], directions[clear_lamps[0]] if len(clear_lamps) else None
 
 
 def _covered_pixel(
@@ -156,9 +156,11 @@ def _covered_pixel(
     """Return (row, column) of a pixel of `CONDITION_RESOLUTION_PX` that shows the object; else the middle."""
     pixels, centre = np.arange(CONDITION_RESOLUTION_PX**2), np.array([[0.5, 0.5]])
     rays = pixel_rays(pose, pixels, centre, CONDITION_RESOLUTION_PX, field_of_view_deg)
-    seen = np.flatnonzero(surface.ray_hits(*rays).face >= 0)
+    covered_pixels = np.flatnonzero(surface.ray_hits(*rays).face >= 0)
     pixel = (
-        random.choice(seen) if len(seen) else (CONDITION_RESOLUTION_PX // 2) * (CONDITION_RESOLUTION_PX + 1)
+        random.choice(covered_pixels)
+        if len(covered_pixels)
+        else (CONDITION_RESOLUTION_PX // 2) * (CONDITION_RESOLUTION_PX + 1)
     )
     return np.array(divmod(int(pixel), CONDITION_RESOLUTION_PX))
 

@@ -71,16 +71,16 @@ def cast_passes(
         pixels = _pixels_around(corners, pose, resolution, field_of_view_deg)
         origins, directions = pixel_rays(pose, pixels, PIXEL_CENTRE, resolution, field_of_view_deg)
         distance, face, barycentric, colour = _first_seen(scene, surface, origins, directions)
-        hit = np.flatnonzero(face >= 0)
-        seen, face, barycentric = pixels[hit], face[hit], barycentric[hit]
-        mask[view, seen] = True
-        depth[view, seen] = distance[hit] * -(directions[hit] @ pose[:3, 2])
-        normal[view, seen] = _shading_normals(mapped, surface, face, barycentric, directions[hit])
-        albedo[view, seen] = srgb_decode(colour[hit])
-        roughness[view, seen] = _mapped(
+        hit_rays = np.flatnonzero(face >= 0)
+        hit_pixels, face, barycentric = pixels[hit_rays], face[hit_rays], barycentric[hit_rays]
+        mask[view, hit_pixels] = True
+        depth[view, hit_pixels] = distance[hit_rays] * -(directions[hit_rays] @ pose[:3, 2])
+        normal[view, hit_pixels] = _shading_normals(mapped, surface, face, barycentric, directions[hit_rays])
+        albedo[view, hit_pixels] = srgb_decode(colour[hit_rays])
+        roughness[view, hit_pixels] = _mapped(
             scene, scene.roughness_maps, scene.appearance.roughness, face, barycentric
         )
-        metallic[view, seen] = _mapped(
+        metallic[view, hit_pixels] = _mapped(
             scene, scene.metallic_maps, scene.appearance.metallic, face, barycentric
         )
     shape = (count, height, width)
@@ -113,20 +113,26 @@ def _first_seen(
     distance = np.full(len(origins), np.inf)
     face = np.full(len(origins), -1, dtype=np.int64)
     barycentric, colour = np.zeros((len(origins), 3)), np.zeros((len(origins), 3))
-    left, passed = np.arange(len(origins)), np.zeros(len(origins))
+    pending, passed = np.arange(len(origins)), np.zeros(len(origins))
     for _ in range(FACES_WITH_HOLES):
-        hits = surface.ray_hits(origins[left] + passed[left, None] * directions[left], directions[left])
+        hits = surface.ray_hits(
+            origins[pending] + passed[pending, None] * directions[pending], directions[pending]
+        )
         met = hits.face >= 0
-        rays, weights = left[met], hits.barycentric[met]
-        rgba, there = _base_colour(scene, hits.face[met], weights)
-        seen = rays[there]
-        distance[seen] = passed[seen] + hits.distance[met][there]
-        face[seen], barycentric[seen], colour[seen] = hits.face[met][there], weights[there], rgba[there, :3]
-        left = rays[~there]
-        if len(left) == 0:
+        rays, weights = pending[met], hits.barycentric[met]
+        rgba, opaque = _base_colour(scene, hits.face[met], weights)
+        stopped = rays[opaque]
+        distance[stopped] = passed[stopped] + hits.distance[met][opaque]
+        face[stopped], barycentric[stopped], colour[stopped] = (
+            hits.face[met][opaque],
+            weights[opaque],
+            rgba[opaque, :3],
+        )
+        pending = rays[~opaque]
+        if len(pending) == 0:
             break
         # Twice the single precision of the search beyond the face.
-        passed[left] += hits.distance[met][~there] + 1e-6
+        passed[pending] += hits.distance[met][~opaque] + 1e-6
     return distance, face, barycentric, colour
 
 

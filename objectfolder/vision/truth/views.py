@@ -138,19 +138,23 @@ def simulate_views(
     training, held_out = (_draw(*part, camera_radius) for part in zip(streams, counts, strict=True))
     how = (*size, field_of_view_deg, light_power_w, BOUNCES, threads)
     rgba, floors = _rendered(scene, training, held_out, (training_samples, held_out_samples), how)
-    drawn, kept = _joined(training, held_out), np.arange(len(rgba)) >= training_views
-    arrays = _arrays(rgba, drawn, kept, np.where(kept, held_out_samples, training_samples).astype(np.int32))
+    draws, is_held_out = _joined(training, held_out), np.arange(len(rgba)) >= training_views
+    arrays = _arrays(
+        rgba, draws, is_held_out, np.where(is_held_out, held_out_samples, training_samples).astype(np.int32)
+    )
     if passes:
-        arrays |= _pass_arrays(cast_passes(scene, drawn[0], size, field_of_view_deg))
+        arrays |= _pass_arrays(cast_passes(scene, draws[0], size, field_of_view_deg))
     elsewhere, conditions = render_conditions(
         scene, condition_views, held_out_samples, other, camera_radius, field_of_view_deg, light_power_w,
         threads,
     )  # fmt: skip
     arrays |= elsewhere
-    made = {"camera_radius": float(camera_radius), "frame": frame.to_dict(), "seed": seed, **floors}
-    made |= conditions
-    exposed = exposure(rgba[kept] if held_out_views else rgba)
-    return Product(arrays, _attributes(scene, mesh, size, field_of_view_deg, light_power_w) | made | exposed)
+    attributes = {"camera_radius": float(camera_radius), "frame": frame.to_dict(), "seed": seed, **floors}
+    attributes |= conditions
+    exposed = exposure(rgba[is_held_out] if held_out_views else rgba)
+    return Product(
+        arrays, _attributes(scene, mesh, size, field_of_view_deg, light_power_w) | attributes | exposed
+    )
 
 
 def _require_positive(**values: float) -> None:
@@ -186,26 +190,26 @@ def _rendered(
     return np.concatenate([trained, mean]), noise_floor(first, second)
 
 
-def _held_out_shots(scene: Scene, drawn: Drawn, samples: int, how: tuple[Any, ...]) -> Shots:
+def _held_out_shots(scene: Scene, draws: Drawn, samples: int, how: tuple[Any, ...]) -> Shots:
     """Return each view twice, with independent seeds, and with more paths where a pixel is noisy."""
-    cameras, lights, seeds = drawn
-    twice = _joined(drawn, (cameras, lights, seeds ^ SECOND_SEED))
+    cameras, lights, seeds = draws
+    twice = _joined(draws, (cameras, lights, seeds ^ SECOND_SEED))
     if scene.lets_through:
         return Shots(*twice, -(-samples // 2), *how)
     least, most = max(1, int(LEAST_SHARE * samples)), MOST_SHARE * samples
     return replace(Shots(*twice, least, *how), most_samples=most, noise_threshold=HELD_OUT_THRESHOLD)
 
 
-def _arrays(rgba: np.ndarray, drawn: Drawn, kept: np.ndarray, samples: np.ndarray) -> dict[str, Array]:
+def _arrays(rgba: np.ndarray, draws: Drawn, is_held_out: np.ndarray, samples: np.ndarray) -> dict[str, Array]:
     """Return what every product of views has; ``rgba`` is averaged over each pixel."""
-    cameras, lights, seeds = drawn
+    cameras, lights, seeds = draws
     colour = "scene-linear premultiplied RGBA radiance"
     pose = "camera pose in the unit frame, OpenGL convention"
     return {
         "rgba": Array(rgba, ("view", "y", "x", "channel"), "1", colour),
         "camera_to_world": Array(cameras, ("view", "row", "column"), "1", pose),
         "light_position": Array(lights, ("view", "axis"), "1", "point light in the unit frame"),
-        "held_out": Array(kept, ("view",), "1", "kept from training"),
+        "held_out": Array(is_held_out, ("view",), "1", "kept from training"),
         "samples": Array(
             samples,
             ("view",),

@@ -161,8 +161,8 @@ class VisionNet:
             triangles = frame.to_unit(surface.vertices)[surface.faces]
             maps = SurfaceMaps.from_tensors(surface, triangles, metadata.get("maps", {}), streams)
         appearance = _appearance(metadata.get("appearance"))
-        known = appearance is not None and Material(maps, appearance).states("albedo")
-        grid = None if known and not own else _grid_of(own, metadata)
+        computed = appearance is not None and Material(maps, appearance).states("albedo")
+        grid = None if computed and not own else _grid_of(own, metadata)
         return cls(
             surface,
             frame,
@@ -183,8 +183,8 @@ class VisionNet:
             if self.glass == THIN:
                 self._renderer = GlassRenderer(self._surface, self._material, self.radiance_scale)
             elif self._grid is None:
-                known = self._surface, self._material, self.radiance_scale
-                self._renderer = CompiledRenderer.of_material(*known)
+                computed = self._surface, self._material, self.radiance_scale
+                self._renderer = CompiledRenderer.of_material(*computed)
             else:
                 learned = self._surface, self._grid, self._weights, self.radiance_scale
                 self._renderer = CompiledRenderer(*learned)
@@ -229,7 +229,7 @@ class VisionNet:
             (n, height, width, 4) float32 scene-linear premultiplied RGBA; alpha 0 where the object is not.
             With `passes`, any of `PASSES`, a dict of them.
         """
-        wanted = pass_names(passes, tuple(PASSES))
+        names = pass_names(passes, tuple(PASSES))
         around = lights if isinstance(lights, Environment) else None
         lamps = np.zeros(3) if isinstance(lights, Environment) else lights
         query = view_query(camera_to_world, lamps, light_colour)
@@ -239,15 +239,15 @@ class VisionNet:
         resolution, field_of_view_deg, rays = image_query(resolution, field_of_view_deg, rays, MOST_SUB_RAYS)
         size = image_size(resolution)
         part = image_crop(crop, size)
-        _require_room(len(query.cameras) * part[2] * part[3], wanted, rays)
+        _require_room(len(query.cameras) * part[2] * part[3], names, rays)
         stacked: dict[str, np.ndarray] = {
             name: np.zeros((len(query.cameras), *part[2:], *PASSES[name][0]), PASSES[name][1])
-            for name in wanted
+            for name in names
         }
 
         def draw(index: int) -> None:
             camera = query.cameras[index]
-            if "rgba" in wanted:
+            if "rgba" in names:
                 lamp = query.lights[index], query.colours[index]
                 for rows, band in _bands(part):
                     stacked["rgba"][index, rows] = (
@@ -255,15 +255,15 @@ class VisionNet:
                         if around is None
                         else self._in_environment(camera, around, size, field_of_view_deg, rays, band)
                     )
-            if set(wanted) - {"rgba"}:
+            if set(names) - {"rgba"}:
                 centres = cast_pixel_centres(self._surface, camera, size, field_of_view_deg, part)
                 places = self._surface.in_stored(centres.face, centres.barycentric)
-                for name in set(wanted) - {"rgba", *REFLECTANCE}:
+                for name in set(names) - {"rgba", *REFLECTANCE}:
                     stacked[name][index] = getattr(centres, name)
-                for name in set(wanted) & set(REFLECTANCE):
+                for name in set(names) & set(REFLECTANCE):
                     stacked[name][index][centres.mask] = self.reflectance(name, *places)
 
-        threads = self._threads(len(query.cameras)) if "rgba" in wanted else 1
+        threads = self._threads(len(query.cameras)) if "rgba" in names else 1
         if threads > 1:
             with ThreadPoolExecutor(threads) as pool:
                 for _ in pool.map(draw, range(len(query.cameras))):
@@ -301,8 +301,8 @@ class VisionNet:
         """
         return self._material.value(name, face, barycentric)
 
-    def _in_environment(self, camera: np.ndarray, *asked: Any) -> np.ndarray:
-        return self._rendering().surrounded(camera, *asked)
+    def _in_environment(self, camera: np.ndarray, *arguments: Any) -> np.ndarray:
+        return self._rendering().surrounded(camera, *arguments)
 
     @property
     def drafts(self) -> bool:
@@ -332,23 +332,23 @@ class VisionNet:
         return self._rendering().radiance(starts, along, positions, colours)
 
 
-def _appearance(said: Any) -> Appearance | None:
-    if said is None:
+def _appearance(record: Any) -> Appearance | None:
+    if record is None:
         return None
     names = ("roughness", "metallic", "specular")
-    values = {name: number(f"vision.appearance.{name}", said[name], 0, 1) for name in names}
-    glass = said.get("glass", OPAQUE)
+    values = {name: number(f"vision.appearance.{name}", record[name], 0, 1) for name in names}
+    glass = record.get("glass", OPAQUE)
     if glass not in GLASSES or (glass == THIN and values["metallic"] > 0):
         raise FormatError("vision.appearance.glass", f"{glass!r}, or of a metal", REMEDY)
     return Appearance(**values, glass=glass)
 
 
-def _require_room(pixels: int, wanted: Collection[str], rays: int) -> None:
+def _require_room(pixels: int, names: Collection[str], rays: int) -> None:
     """Refuse answers that do not fit into memory, and images that would take hours."""
-    size = sum(math.prod(PASSES[name][0]) * np.dtype(PASSES[name][1]).itemsize for name in wanted)
+    size = sum(math.prod(PASSES[name][0]) * np.dtype(PASSES[name][1]).itemsize for name in names)
     remedy = "Ask for fewer views, fewer pixels, or one crop after another."
     require_room("camera_to_world, resolution", pixels * size, remedy)
-    if "rgba" in wanted and pixels * rays > MOST_RAYS:
+    if "rgba" in names and pixels * rays > MOST_RAYS:
         finding = f"{pixels} pixels of {rays} rays, more than {MOST_RAYS} rays"
         raise QueryError("sub_rays, resolution", finding, "Ask for fewer rays a pixel or fewer pixels.")
 
@@ -370,9 +370,9 @@ def _grid_of(own: dict[str, np.ndarray], metadata: Mapping[str, Any]) -> SparseG
     grid = SparseGrid.from_bytes(own.pop("grid"), resolution)
     expected = weight_shapes(grid.sizes, mirrors=has_mirrors(own))
     for name in sorted(expected.keys() | own.keys()):
-        found = own[name].shape if name in own else None
-        if found != expected.get(name):
-            raise FormatError(PREFIX + name, f"shape {found}, expected {expected.get(name)}")
+        shape = own[name].shape if name in own else None
+        if shape != expected.get(name):
+            raise FormatError(PREFIX + name, f"shape {shape}, expected {expected.get(name)}")
         if not np.isfinite(own[name]).all():
             raise FormatError(PREFIX + name, "not finite", REMEDY)
     return grid
