@@ -11,8 +11,12 @@ from pathlib import Path
 
 import pytest
 from llvmlite.binding import get_host_cpu_features
+from numba import njit
+from numba import types as numba_types
+from numba.core import event
 
 import objectfolder
+from objectfolder.jit import inner, kernel
 from objectfolder.products.provenance import file_digest, package_versions
 
 PROGRAM = """
@@ -53,13 +57,23 @@ called = {
     f"{name}.{kernel}": len(value.signatures)
     for name, module in sys.modules.items() if name.startswith("objectfolder.")
     for kernel, value in vars(module).items()
-    if getattr(value, "signatures", ()) and value.py_func.__module__ == name
+    if hasattr(value, "py_func") and value.signatures and value.py_func.__module__ == name
 }
 print(*called.keys() - inner, sep="\\n")
 assert set(called.values()) == {1}, called
 """
 MOST_CALLED = 24
 Answers = list[tuple[list[str], str]]
+
+
+@inner(kernel)
+def _inner_sum(x):
+    return x + 0.5
+
+
+@kernel
+def _outer_sum(x):
+    return 2.0 * _inner_sum(x)
 
 
 def answer_of_a_new_process(cache: Path, query: str, **environment: str) -> tuple[list[str], str]:
@@ -137,6 +151,31 @@ def test_another_target_and_where_no_cache_can_be_written_the_remedy(tmp_path):
     (target, *_), errors = answer_of_a_new_process(tmp_path, UNCACHED, **environment)
     assert target == "generic"
     assert "Set NUMBA_CACHE_DIR" in errors
+
+
+def test_an_inner_kernel_serves_kernels_and_refuses_python():
+    assert _outer_sum(2.0) == 5.0
+    with pytest.raises(TypeError, match="_inner_sum is called by kernels alone"):
+        _inner_sum(2.0)
+
+
+def test_numba_resolves_calls_of_others_as_ever():
+    compiled = []
+
+    @njit
+    def other(x):
+        return x * 2.0
+
+    class Listener(event.Listener):
+        def on_start(self, event):
+            compiled.append((event.data["dispatcher"], vars(numba_types.Function).get("get_call_type")))
+
+        on_end = on_start
+
+    with event.install_listener("numba:compile", Listener()):
+        assert other(1) + _outer_sum(1) == 5.0
+    assert "get_call_type" not in vars(numba_types.Function)
+    assert {patched is None for dispatcher, patched in compiled if dispatcher is other} == {True}
 
 
 def test_kernels_take_nothing_from_other_files():

@@ -22,7 +22,7 @@ from objectfolder.audio.synthesis.hertz import HertzContact
 from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.ramps import held_steps
 from objectfolder.errors import QueryError
-from objectfolder.jit import relaxed_kernel
+from objectfolder.jit import inner, relaxed_kernel
 
 Floats = NDArray[np.float64]
 # Steps in the contact of the pair without modes at least, and in a period of the highest mode, as far as
@@ -182,7 +182,7 @@ def _viscosity(restitution: float) -> float:
     return most if difference(most) > 0 else float(brentq(difference, 1e-12, most))
 
 
-@relaxed_kernel
+@inner(relaxed_kernel)
 def _energy(approach: float, stiffness: float) -> float:
     """Return what the spring holds: 2/5 k d^(5/2)."""
     if approach <= 0.0:
@@ -190,7 +190,7 @@ def _energy(approach: float, stiffness: float) -> float:
     return 0.4 * stiffness * approach * approach * math.sqrt(approach)
 
 
-@relaxed_kernel
+@inner(relaxed_kernel)
 def _force(
     before: float, free: float, compliance: float, stiffness: float, resistance: float, start: float
 ) -> float:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import arrayless, kernel
+from objectfolder.jit import arrayless, inner, kernel
 
 # A complete tree over 2^60 faces would still fit.
 TREE_STACK = 64
@@ -29,7 +29,7 @@ class Tree(NamedTuple):
     triangles: np.ndarray
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _behind(node):
     """The node that follows one and all below it, from left to right; -1 behind the last."""
     while node > 0 and node % 2 == 0:
@@ -37,7 +37,7 @@ def _behind(node):
     return node + 1 if node > 0 else -1
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _squared_distance(box, x, y, z):
     dx = max(max(box[0] - x, x - box[3]), 0.0)
     dy = max(max(box[1] - y, y - box[4]), 0.0)
@@ -45,7 +45,7 @@ def _squared_distance(box, x, y, z):
     return dx * dx + dy * dy + dz * dz
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _segment_parameter(a, b, x, y, z):
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     squared = ux * ux + uy * uy + uz * uz
@@ -54,7 +54,7 @@ def _segment_parameter(a, b, x, y, z):
     return min(max(((x - a[0]) * ux + (y - a[1]) * uy + (z - a[2]) * uz) / squared, 0.0), 1.0)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _squared_gap(triangle, first, second, third, x, y, z):
     total = 0.0
     for axis, coordinate in enumerate((x, y, z)):
@@ -63,7 +63,7 @@ def _squared_gap(triangle, first, second, third, x, y, z):
     return total
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _closest_on(triangle, x, y, z):
     """Barycentric coordinates of the nearest point, and its squared distance (Ericson 2005, 5.1.5)."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -155,7 +155,7 @@ def in_balls(tree, points, radius, starts, faces):
     return count
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _bound_box(box, pose, bounds):
     """Write least and greatest coordinates (6,) of a box in the frame of `pose`, with room for rounding."""
     for axis in range(3):
@@ -168,7 +168,7 @@ def _bound_box(box, pose, bounds):
         bounds[axis], bounds[3 + axis] = middle - reach, middle + reach
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _bound_triangle(corners, bounds):
     """Write least and greatest coordinates (6,) of corners (3, 3)."""
     for axis in range(3):
@@ -176,7 +176,7 @@ def _bound_triangle(corners, bounds):
         bounds[axis], bounds[3 + axis] = min(min(a, b), c), max(max(a, b), c)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _overlap(bounds, low, high):
     """Whether the insides of two boxes meet."""
     apart = False
@@ -185,7 +185,7 @@ def _overlap(bounds, low, high):
     return not apart
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _transform(triangle, pose, corners):
     """Write corners (3, 3) of a triangle in the frame of `pose`; equal points get equal bits."""
     for corner in range(3):
@@ -198,7 +198,7 @@ def _transform(triangle, pose, corners):
             corners[corner, axis] = x * pose[0, axis] + y * pose[1, axis] + z * pose[2, axis]
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _separates(corners, half, ax, ay, az):
     """Whether the axis separates a triangle (3, 3) from the open box of half extents round the origin."""
     reach = abs(ax) * half[0] + abs(ay) * half[1] + abs(az) * half[2]
@@ -208,7 +208,7 @@ def _separates(corners, half, ax, ay, az):
     return reach > 0 and (min(min(a, b), c) >= reach or max(max(a, b), c) <= -reach)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _triangle_enters(corners, low, high, half):
     """Separating axes of a triangle and a box (Akenine-Möller 2001), but not the box's own three."""
     for axis in range(3):
@@ -257,7 +257,7 @@ def enters_box(tree, pose, low, high, half, corners, bounds):
     return False
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _indentation_bound(bounds, gel):
     """Greatest indentation by what lies in a box, coordinates (6,) in the sensor frame."""
     y = max(max(bounds[1] - gel[1], gel[1] - bounds[4]), 0.0)

@@ -9,7 +9,7 @@ are those of the object where it touches, and central differences elsewhere.
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import inner, kernel
 from objectfolder.touch.contact.height_field import gel_grid
 from objectfolder.touch.elastic.contact_problem import Contact
 from objectfolder.touch.rendering.surroundings import surroundings
@@ -88,7 +88,7 @@ def membrane_image(
     return rgb, depth_map, mask
 
 
-@kernel
+@inner(kernel)
 def _cell(shape, gel, y, z):
     """Row and column of the first of the four centres round a place, and how far down and right it is.
 
@@ -101,7 +101,7 @@ def _cell(shape, gel, y, z):
     return top, left, row - top, column - left
 
 
-@kernel
+@inner(kernel)
 def _bilinear(nodes, gel, y, z, at):
     top, left, down, right = _cell(nodes.shape, gel, y, z)
     for field in range(4):
@@ -110,7 +110,7 @@ def _bilinear(nodes, gel, y, z, at):
         at[field] = (1 - down) * upper + down * lower
 
 
-@kernel
+@inner(kernel)
 def _meet(nodes, gel, across, up, ray, near, newton_steps):
     """Distance along a ray at which it meets the membrane."""
     for _ in range(newton_steps):

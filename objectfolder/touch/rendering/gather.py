@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import arrayless, kernel, relaxed_kernel
+from objectfolder.jit import arrayless, inner, kernel, relaxed_kernel
 from objectfolder.touch.rendering.rasterise import Raster, Rays
 
 
@@ -95,7 +95,7 @@ def resolve(record, extent, values, sample_depth, gel_values, rays, steps, pictu
             mask[i, j] = 2 * covered >= rays
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _normal_map(edges, normals, pose, matrix):
     """Write what takes a ray (1, u, v) to the normal of a face (3, 3); return twice the face's area.
 
@@ -116,7 +116,7 @@ def _normal_map(edges, normals, pose, matrix):
     return length
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _take(owner, nearness, shift, v, rows, column, face, mark):
     """Mark the rays of a pixel that see a face in a column of it.
 
@@ -135,7 +135,7 @@ def _take(owner, nearness, shift, v, rows, column, face, mark):
     return members, members / near, across * share, up * share
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _normal(m, across, up):
     return (
         m[0, 0] + m[0, 1] * across + m[0, 2] * up,
@@ -144,7 +144,7 @@ def _normal(m, across, up):
     )
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _indentation(deep, lateral, vertical, radius, stretch):
     """Metres that a point `deep` metres below the apex, and beside it, lies in the undeformed gel."""
     squared = radius * radius - (lateral * lateral + vertical * vertical)

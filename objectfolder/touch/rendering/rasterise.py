@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import arrayless, kernel
+from objectfolder.jit import arrayless, inner, kernel
 
 # Columns and rows of rays; keeps rays that pass along an edge in the faces on both of its sides.
 RAY_SLACK = 1e-7
@@ -65,7 +65,7 @@ class Raster(NamedTuple):
     inverse: np.ndarray
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _range(a, b, c, first, pitch, count):
     """First and last ray whose slope lies between the least and greatest of three."""
     least, most = (a - first) / pitch, (a - first) / pitch
@@ -77,7 +77,7 @@ def _range(a, b, c, first, pitch, count):
     )
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _edges(triangle, camera, edges):
     """Write b x c, c x a and a x b of the corners from the camera; return a . (b x c)."""
     for corner in range(3):
@@ -91,7 +91,7 @@ def _edges(triangle, camera, edges):
     return edges[0, 0] * x + edges[0, 1] * y + edges[0, 2] * z
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _rows(triangle, camera, v, near):
     """First and last row of rays that a face may cover."""
     x0, x1, x2 = triangle[0, 0] - camera[0], triangle[1, 0] - camera[0], triangle[2, 0] - camera[0]
@@ -101,7 +101,7 @@ def _rows(triangle, camera, v, near):
     return _range(z0 / x0, z1 / x1, z2 / x2, v[0], v[1] - v[0], len(v))
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _columns(edges, sign, rays, first, rows, lows, highs, used):
     """Write first and last column in which `rows` rows of rays from `first` on meet a face, whole.
 
@@ -131,7 +131,7 @@ def _columns(edges, sign, rays, first, rows, lows, highs, used):
         highs[at] = np.floor((high if high > -1.0 else -1.0) + RAY_SLACK)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _nearer(best, owner, u, columns, face, plane, limit):
     """Write a face where it is the nearest, and not behind the gel, along columns first..end of a row."""
     constant, slope = plane
@@ -142,7 +142,7 @@ def _nearer(best, owner, u, columns, face, plane, limit):
         owner[j] = face if before else owner[j]
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _faces(triangles, bounds, rays, edges, inverse, rows):
     """Write normals and inverse determinants of a `Raster`, and first and last row (m, 2).
 
@@ -164,7 +164,7 @@ def _faces(triangles, bounds, rays, edges, inverse, rows):
     return total
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _widest(extent, start, rays):
     """Make the extent of the rows of a pixel that of all of them; return it."""
     first, last = extent[start, 0], extent[start, 1]

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import arrayless, kernel
+from objectfolder.jit import arrayless, inner, kernel
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -168,7 +168,7 @@ def _lines(
     return first, max(min(math.ceil(max(met)) + 1, last) - first + 1, 0)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _follow(near, pressed, columns, span, inverse, lamp_nearness, lines):
     """Interpolate a row at lines first..last of a span: one over the depth, and the slope from the lamp.
 
@@ -190,7 +190,7 @@ def _follow(near, pressed, columns, span, inverse, lamp_nearness, lines):
         dark[k] = np.float32(0) if away else one
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _advance(lines, span, distance, lamp_nearness, softness, past):
     """Write to `dark` how dark lines first..last of a span are in a row.
 
@@ -213,7 +213,7 @@ def _advance(lines, span, distance, lamp_nearness, softness, past):
         tops[k] = top if behind else distance
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _take(light, at, step, share, dark, first, pitch, span):
     """Take from pixels first..last of a span of a row of `light` what its lines are dark."""
     low, high = span

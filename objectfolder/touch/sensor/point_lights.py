@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.jit import arrayless, relaxed_kernel
+from objectfolder.jit import arrayless, inner, relaxed_kernel
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.shading import DIELECTRIC_REFLECTANCE
 
@@ -89,7 +89,7 @@ def point_lights(sensor: Sensor) -> PointLights:
     )
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _directions(work, camera, k):
     """Make the normals unit; write directions to the camera, n . v, and Smith's term of it."""
     one, least = np.float32(1), np.float32(0.001)
@@ -111,7 +111,7 @@ def _directions(work, camera, k):
         work[VISIBLE_ROW + i] = cosine / (cosine * (one - k) + k)
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _reflect(work, light, colour, alpha2, k, base, diffuse):
     """Add what the points reflect of a light to the radiance."""
     zero, one, least, four = np.float32(0), np.float32(1), np.float32(0.001), np.float32(4)
@@ -153,7 +153,7 @@ def _reflect(work, light, colour, alpha2, k, base, diffuse):
         work[RADIANCE + 2 * BLOCK_POINTS + i] += blue * reflected
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _encode(bits, row, exponent, values, start, size, octaves):
     """Write min(radiance, 1) ** exponent as value * 2 ** k, both by polynomials; k as the bits of a float.
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.jit import relaxed_kernel
+from objectfolder.jit import inner, relaxed_kernel
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor import Sensor
 
@@ -45,7 +45,7 @@ def table_lighting(sensor: Sensor, table: PhotometricTable) -> TableLighting:
     return TableLighting(table.nodes.reshape(shape), np.array(place, dtype=np.float32))
 
 
-@relaxed_kernel
+@inner(relaxed_kernel)
 def _angle(y, x):
     """Angle of (x, y), -pi to pi, within 1e-7: Abramowitz and Stegun 4.4.49, without a branch."""
     one, half_turn = np.float32(1), np.float32(np.pi)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from objectfolder.jit import arrayless, kernel
+from objectfolder.jit import arrayless, inner, kernel
 
 LEAF_TRIANGLES = 4
 BINS = 16
@@ -192,7 +192,7 @@ def _right(bounds: np.ndarray, owner: np.ndarray, size: np.ndarray, *, halve: bo
     return right
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _enter(box, ox, oy, oz, ix, iy, iz, limit):
     """Return where the ray enters the box, or infinity."""
     a, b = (box[0] - ox) * ix, (box[3] - ox) * ix
@@ -207,7 +207,7 @@ def _enter(box, ox, oy, oz, ix, iy, iz, limit):
     return np.float32(np.inf)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _inverse(value):
     # Not quite parallel to any side of a box: 0 * infinity would be no number.
     if abs(value) < 1e-18:
@@ -215,7 +215,7 @@ def _inverse(value):
     return np.float32(1.0 / value)
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _meet(triangle, ox, oy, oz, dx, dy, dz):
     """Return distance (infinity: none ahead) and the second and third barycentric coordinate."""
     e1x, e1y, e1z = triangle[3], triangle[4], triangle[5]

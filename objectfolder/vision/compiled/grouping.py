@@ -10,7 +10,7 @@ Where a shadow ends inside a pixel, some sub-samples are asked, and the others f
 
 import numpy as np
 
-from objectfolder.jit import arrayless, kernel
+from objectfolder.jit import arrayless, inner, kernel
 
 
 def samples_to_ask(
@@ -241,7 +241,7 @@ def _choose_samples(label, offsets, samples_per_group, targets, whole_pixels, wo
     return total
 
 
-@arrayless(kernel)
+@inner(arrayless(kernel))
 def _stand_for(members, size, offsets, targets, most, near, choice, total):
     """Write up to `most` of `members` (>= size,) and the shares nearest to each from row `total` on.
 

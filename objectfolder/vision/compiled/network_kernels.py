@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from objectfolder.jit import arrayless, relaxed_kernel
+from objectfolder.jit import arrayless, inner, relaxed_kernel
 
 # Points at a time: a block's matrices stay in the first cache. Every block is whole, its last point repeated:
 # the vector loop and the loop over the points after it would round alike points differently.
@@ -16,7 +16,7 @@ NETWORK_POINTS = 64
 NEAREST = 1e-3
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _interpolate(level, half_width, point, features, first, s):
     """Write the features of one level at a point to features[first:, s]: `SparseGrid.interpolation`.
 
@@ -59,7 +59,7 @@ def _interpolate(level, half_width, point, features, first, s):
         )  # fmt: skip
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _product(weight, inputs, out):
     """Write the (n, NETWORK_POINTS) product of (n, m) weights and (m, NETWORK_POINTS) inputs to `out`.
 
@@ -89,7 +89,7 @@ def _product(weight, inputs, out):
                 total[s] += last * inputs[k, s]
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _hidden(weight, bias, inputs, out):
     _product(weight, inputs, out)
     zero = np.float32(0.0)
@@ -99,7 +99,7 @@ def _hidden(weight, bias, inputs, out):
             out[row, s] = max(out[row, s] + shift, zero)
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _sigmoid(x):
     return np.float32(1.0) / (np.float32(1.0) + math.exp(-x))
 
@@ -109,7 +109,7 @@ def _softplus(x):
     return max(x, np.float32(0.0)) + math.log1p(math.exp(-abs(x)))
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _schlick(facing, rim):
     share = _sigmoid(facing)
     return share + (np.float32(1.0) - share) * rim
@@ -144,7 +144,7 @@ def _features(position, normal, grid, albedo, working, features, base):
                 base[start + s, channel] = _sigmoid(out[channel, s] + bias[channel])
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _incidence(normal, direction, to_light, alpha2, least_cosine, inputs, a, s):
     """Write the terms of the directions to column s of `inputs` from row a on; return the masked GGX lobe.
 
@@ -233,7 +233,7 @@ def _reflected(lit, points, direct, facing, mirrors, lobe_width, reflected):
                     gloss[start + s, channel] = _softplus(strength) * lobe[s]
 
 
-@arrayless(relaxed_kernel)
+@inner(arrayless(relaxed_kernel))
 def _surroundings(position, normal, direction, light, irradiance, inputs, b, s):
     """Write the 19 inputs that depend on a point, and not on the lamp alone, to column s from row b on.
 
