@@ -18,10 +18,12 @@ from pipeline.run.costs import number
 
 def reported_costs(version: Version) -> dict[tuple[str | None, str], float | None]:
     """Return the CPU seconds by object and stage in a version's own report."""
-    text = version.texts.get(PER_OBJECT, b"").decode(errors="replace")
-    rows = csv.DictReader(io.StringIO(text))
+    texts = [own.texts.get(PER_OBJECT, b"").decode(errors="replace") for own in version.data_sets]
     return {
-        (row.get("id"), stage): number(row.get(f"cpu_seconds.{stage}")) for row in rows for stage in STAGES
+        (row.get("id"), stage): number(row.get(f"cpu_seconds.{stage}"))
+        for text in texts
+        for row in csv.DictReader(io.StringIO(text))
+        for stage in STAGES
     }
 
 
@@ -76,10 +78,10 @@ def _hashes(contents: Contents, version: Version, other: Version, unlisted: set[
 
     Outputs whose list of files cannot be read are added to `unlisted`; files that git has are left out.
     """
-    hashes = {path: lying for path in version.folders if (lying := version.lying(path))}
+    hashes = dict(version.lying)
     same = set(other.lock.outs.values())
     for path, md5 in version.lock.outs.items():
-        if path in hashes or path in version.texts or (md5 in same and not other.lying(path)):
+        if path in hashes or path in version.texts or (md5 in same and path not in other.lying):
             continue
         hashes[path] = {md5}
         if is_folder(md5):

@@ -24,11 +24,9 @@ def figures_by_object(version: Version) -> dict[str, Attributes] | None:
     dict, optional
         By object id; None where the version has no such table.
     """
-    text = version.texts.get(PER_OBJECT)
-    if text is None:
-        return None
-    rows = csv.DictReader(io.StringIO(text.decode(errors="replace")))
-    return {row.get("id") or "": _nested(row) for row in rows}
+    texts = [text for own in version.data_sets if (text := own.texts.get(PER_OBJECT)) is not None]
+    rows = (row for text in texts for row in csv.DictReader(io.StringIO(text.decode(errors="replace"))))
+    return {row.get("id") or "": _nested(row) for row in rows} if texts else None
 
 
 def changes_of_means(old: bytes | None, new: bytes | None) -> list[FidelityChange]:

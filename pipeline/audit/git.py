@@ -1,5 +1,6 @@
 """What the audit reads of git: revisions, files of a revision, and the commits that changed a file."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -55,8 +56,8 @@ class GitRepository:
         """Return the commit that a revision names; raise InputError for no such revision."""
         return _commit(self._resolved(revision))
 
-    def commits_of(self, path: str, revision: str = "HEAD") -> list[Commit]:
-        """Return the commits behind `revision` that changed a file, newest first.
+    def commits_of(self, paths: Sequence[str], revision: str = "HEAD") -> list[Commit]:
+        """Return the commits behind `revision` that changed any of some files, newest first.
 
         Of a merge, only the first parent is followed: side by side, branches are no order of versions.
 
@@ -68,14 +69,29 @@ class GitRepository:
         walk = self._repository.walk(self._resolved(revision).id)
         walk.simplify_first_parent()
         commits = list(walk)
-        blobs = [blob and blob.id for blob in (self._blob(commit, path) for commit in commits)]
-        changes = zip(commits, pairwise([*blobs, None]), strict=True)
-        return [_commit(commit) for commit, (blob, before) in changes if blob != before]
+        files = [[self._blob(commit, path) for path in paths] for commit in commits]
+        digests = [[blob and blob.id for blob in blobs] for blobs in files]
+        changes = zip(commits, pairwise([*digests, [None] * len(paths)]), strict=True)
+        return [_commit(commit) for commit, (after, before) in changes if after != before]
 
     def read(self, revision: str, path: str) -> bytes | None:
         """Return a file of a revision, None where it has none; raise InputError for no such revision."""
         blob = self._blob(self._resolved(revision), path)
         return None if blob is None else blob.data
+
+    def names(self, revision: str, folder: str) -> list[str]:
+        """Return what lies in a folder of a revision; nothing where it has none.
+
+        Raises
+        ------
+        InputError
+            No such revision.
+        """
+        try:
+            tree = self._resolved(revision).tree[(self._prefix / folder).as_posix()]
+        except KeyError:
+            return []
+        return [str(entry.name) for entry in tree] if isinstance(tree, pygit2.Tree) else []
 
     def _resolved(self, revision: str) -> pygit2.Commit:
         try:

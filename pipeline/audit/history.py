@@ -12,6 +12,7 @@ from pipeline.audit.git import Commit, GitRepository
 from pipeline.audit.stores import NotHere
 from pipeline.audit.versions import Version, made_nothing, read_version
 from pipeline.dataset.lock_file import LOCK
+from pipeline.dataset.partition_folders import FOLDER
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY
 
@@ -71,10 +72,11 @@ def history(
     """
     versions: list[ObjectVersion] = []
     unreadable: list[Unreadable] = []
-    former = made_nothing(stages)
-    for commit in reversed(GitRepository(contents.root).commits_of(LOCK, revision)):
+    former, git = made_nothing(stages), GitRepository(contents.root)
+    locks = [LOCK, *(f"{FOLDER}/{name}/{LOCK}" for name in git.names(revision, str(FOLDER)))]
+    for commit in reversed(git.commits_of(locks, revision)):
         try:
-            version = read_version(contents, stages, commit.hash)
+            version = read_version(contents, stages, commit.hash, object_id)
             problem = next((folder.problem for folder in version.folders.values() if folder.problem), None)
         except ObjectFolderError as error:
             problem = error

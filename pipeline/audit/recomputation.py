@@ -18,6 +18,7 @@ from pipeline.audit.versions import Version
 from pipeline.dataset.differences import differences
 from pipeline.dataset.lock_file import is_folder
 from pipeline.dataset.parameters import ObjectsParameters
+from pipeline.dataset.partition_folders import inside
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.records import MATERIALS, read_table
 from pipeline.dataset.stage import Stage
@@ -165,7 +166,7 @@ class _Bench:
             if path in self._version.texts:
                 self._inside(path).write_bytes(self._version.texts[path])
         for path, folder in self._version.lock.outs.items():
-            if is_folder(folder) and path not in self._version.folders:
+            if is_folder(folder) and inside(path) not in self._version.folders:
                 for inner, md5 in self._contents.folder(folder, path).items():
                     self._place(Content(md5, where=f"{path}/{inner}"))
         return read_table(self._root, ObjectsParameters(name)).rows

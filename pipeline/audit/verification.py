@@ -19,6 +19,7 @@ from pipeline.audit.reasons import is_labelled_truly
 from pipeline.audit.versions import Version
 from pipeline.dataset import products
 from pipeline.dataset.lock_file import LOCK, is_folder
+from pipeline.dataset.partition_folders import inside
 from pipeline.dataset.products import TENSORS, ProductKind, md5_of
 from pipeline.dataset.stage import Stage
 
@@ -123,7 +124,7 @@ def _items(
             finding = f"none of its {len(files)} files exists"
             findings.append(Finding(path, MISSING, finding, f"`dvc pull {path}`, or `dvc checkout {path}`."))
             continue
-        kind = kinds.get(path)
+        kind = kinds.get(inside(path))
         for name, md5 in sorted(files.items()):
             place = contents.root / path / name if lying else contents.path(md5)
             object_id = name.removesuffix(kind.suffix) if kind is not None else ""

@@ -18,6 +18,7 @@ from filelock import FileLock
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.regular_file import open_regular, require_regular
+from pipeline.dataset.partition_folders import data_sets
 from pipeline.dataset.task import Outcome
 
 COLUMNS = (
@@ -92,10 +93,11 @@ def known_costs(root: Path) -> list[Cost]:
 
 
 def costs_by_fingerprint(root: Path) -> dict[str, Cost]:
-    """Return the last costs of the tasks that ran here, by the fingerprint of their products."""
+    """Return the last costs of the tasks that ran in a checkout, by the fingerprint of their products."""
     return {
         cost.fingerprint: cost
-        for cost in known_costs(root)
+        for folder in data_sets(root)
+        for cost in known_costs(folder)
         if cost.stage != QUERY and None not in (cost.wall_s, cost.cpu_s, cost.peak_memory_mb)
     }
 

@@ -8,7 +8,6 @@ changed run.
 """
 
 import csv
-import hashlib
 import io
 import os
 from collections.abc import Mapping, Sequence
@@ -22,6 +21,7 @@ from pipeline.dataset.counts import columns
 from pipeline.dataset.failures import FAILURES, RETRY
 from pipeline.dataset.manifest import MANIFEST, read_products
 from pipeline.dataset.parameters import PARAMETERS, read_parameters
+from pipeline.dataset.partition_folders import FOLDER, folders, partition_number
 from pipeline.dataset.records import MATERIALS, RECORDS
 from pipeline.dataset.selection import SELECTION_FOLDER
 from pipeline.dataset.stages import STAGES
@@ -29,7 +29,6 @@ from pipeline.run.code_digests import CODE, REPORT
 from pipeline.run.source_digests import INPUTS, write_inputs
 from pipeline.store.product_cache import ProductCache
 
-FOLDER = Path("partitions")
 MOST_OBJECTS = 10_000
 LINKS = (PARAMETERS, "cluster", str(MATERIALS), "data/card.yaml")
 STAGES_OF_ONE = ("products", *STAGES, REPORT, "failures")
@@ -48,11 +47,6 @@ class Partitions:
             return "The table is short enough for one data set. --objects takes fewer objects a partition."
         lines = columns([("partition", "objects"), *((name, str(n)) for name, n in self.objects.items())])
         return "\n".join([*lines, "", f"Make them: dvc repro -k -R {FOLDER}"])
-
-
-def folders(root: Path) -> list[Path]:
-    """Return the folders of the partitions of a checkout, in order; none where it is one data set."""
-    return sorted(path.parent for path in (root / FOLDER).glob("[0-9][0-9][0-9]/dvc.yaml"))
 
 
 def require_whole(root: Path) -> None:
@@ -83,7 +77,9 @@ def partition(root: Path, most_objects: int = MOST_OBJECTS) -> Partitions:
         folder = root / FOLDER / name
         _lay_out(root, folder)
         if count != len(before):
-            ProductCache(folder).add(entry for entry in entries if _number(entry.object, count) == number)
+            ProductCache(folder).add(
+                entry for entry in entries if partition_number(entry.object, count) == number
+            )
     _write_yaml(root / FOLDER / "dvc.yaml", _common_stages(root, list(shares)))
     write_whole(root / FOLDER / ".gitignore", ".objectfolder/\nruns/\n")
     return Partitions(objects={name: len(share) for name, share in shares.items()})
@@ -129,17 +125,11 @@ def _shares(rows: Sequence[Text], count: int) -> dict[str, list[Text]]:
     """Return the rows of each partition by its name."""
     shares: dict[str, list[Text]] = {f"{number:03}": [] for number in range(count)}
     for row in rows:
-        shares[f"{_number(row['id'], count):03}"].append(row)
+        shares[f"{partition_number(row['id'], count):03}"].append(row)
     if empty := [name for name, share in shares.items() if not share]:
         finding = f"no object of {len(rows)} goes to {', '.join(empty)} of {count} partitions"
         raise InputError("--objects", finding, f"Delete {FOLDER}/, and take more objects a partition.")
     return shares
-
-
-def _number(object_id: str, count: int) -> int:
-    """Return the partition of an object. Ids that differ in case alone share it: they are at fault there."""
-    digest = hashlib.sha256(object_id.casefold().encode()).digest()
-    return int.from_bytes(digest[:8], "big") * count >> 64
 
 
 def _moved(row: Text, before: Path, now: Path) -> Text:

@@ -13,9 +13,10 @@ from bench.factory import overhead_repository
 from bench.factory.overhead_repository import MESH, REPOSITORY, OverheadRepository
 from objectfolder.errors import InputError
 from pipeline.dataset.manifest import MANIFEST, Entry
+from pipeline.dataset.partition_folders import FOLDER, folders
 from pipeline.dataset.selection import select
 from pipeline.publish.report.partition_index import write_partition_index
-from pipeline.run.partitions import FOLDER, folders, partition, write_partition_inputs
+from pipeline.run.partitions import partition, write_partition_inputs
 from pipeline.run.run_record import records
 from pipeline.run.source_digests import write_inputs
 from pipeline.run.stage_run import make_products

@@ -19,6 +19,7 @@ from objectfolder.products.store import read_attributes
 from pipeline.dataset.counts import counted
 from pipeline.dataset.failures import FailedObject, read_failures
 from pipeline.dataset.parameters import read_parameters
+from pipeline.dataset.partition_folders import data_sets
 from pipeline.dataset.records import read_records
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.dataset.validation import read_yaml, validated
@@ -171,28 +172,37 @@ class DataSet:
 
 
 def read_data_set(root: Path, folder: Path) -> DataSet:
-    """Read the data set at `root` whose reports lie in `folder`.
+    """Read the data set at `root` whose reports lie in `folder`; of a long table, all its partitions.
 
     Raises
     ------
     InputError
         No records, or a damaged file; in ``data/card.yaml`` an unknown key, or a value of a wrong kind.
     """
-    records = read_records(root)
     figures = _figures(folder / PER_OBJECT)
-    object_ids = [name for name in sorted(records.rows) if OBJECT_FILES.path(root, name).is_file()]
-    failed = {failure.object_id: FailedObject.of("objects", failure) for failure in records.refused}
-    failed |= {failure.object: failure for failure in reversed(read_failures(root))}  # the first stage counts
-    unmade = sorted(records.listed.difference(object_ids))
-    parameters, verified = read_parameters(root / PARAMETERS), Verified(root)
+    parameters = read_parameters(root / PARAMETERS)
+    objects: list[PublishedObject] = []
+    missing: list[FailedObject] = []
+    definitions: dict[str, str] = {}
+    for own in data_sets(root):
+        records, verified = read_records(own), Verified(own)
+        object_ids = [name for name in sorted(records.rows) if OBJECT_FILES.path(own, name).is_file()]
+        failed = {failure.object_id: FailedObject.of("objects", failure) for failure in records.refused}
+        # The first stage counts.
+        failed |= {failure.object: failure for failure in reversed(read_failures(own))}
+        unmade = records.listed.difference(object_ids)
+        missing += [failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade]
+        objects += [
+            _object(root, OBJECT_FILES.path(own, name), records.rows[name], figures.get(name, {}), verified)
+            for name in object_ids
+        ]
+        definitions = definitions or _definitions(own, object_ids)
     return DataSet(
         validated(PUBLICATION, Publication, _read(root / PUBLICATION)),
-        tuple(
-            _object(root, name, records.rows[name], figures.get(name, {}), verified) for name in object_ids
-        ),
-        tuple(failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade),
+        tuple(sorted(objects, key=lambda entry: entry.id)),
+        tuple(sorted(missing, key=lambda failure: failure.object)),
         _read(folder / METRICS),
-        _definitions(root, object_ids),
+        definitions,
         parameters.size,
         parameters.seed,
         read_yaml(root / PARAMETERS)["sizes"][parameters.size],
@@ -200,9 +210,9 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
 
 
 def _object(
-    root: Path, object_id: str, row: Mapping[str, Any], figures: Mapping[str, str], verified: Verified
+    root: Path, path: Path, row: Mapping[str, Any], figures: Mapping[str, str], verified: Verified
 ) -> PublishedObject:
-    path = OBJECT_FILES.path(root, object_id)
+    object_id = path.name.removesuffix(OBJECT_FILES.suffix)
     return PublishedObject(
         object_id,
         _line(row["name"]) or object_id,

@@ -19,6 +19,7 @@ from objectfolder.errors import FormatError, InputError, ObjectFolderError
 from pipeline.audit.opening import opened_clone, opened_folder
 from pipeline.audit.stores import Stores
 from pipeline.dataset.lock_file import LOCK, is_folder, read_lock
+from pipeline.dataset.partition_folders import FOLDER, NAME, partition_number
 from pipeline.dataset.products import ProductKind, md5_of, verify
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import COLLISION, FIDELITY, MODES, OBJECT_FILES, OBJECTS, TOUCHES, VIEWS
@@ -148,8 +149,10 @@ class PublishedRevision:
         self.stores = Stores(repository, remote, NOT_PUSHED)
         _ = self.stores.remote
 
-    def products(self, kind: ProductKind) -> dict[str, str]:
+    def products(self, kind: ProductKind, object_ids: Sequence[str] = ()) -> dict[str, str]:
         """Return the MD5 of each product of a kind, by object id.
+
+        Where products lie in partitions, only those that `object_ids` go to are looked at, all for none.
 
         Raises
         ------
@@ -160,23 +163,38 @@ class PublishedRevision:
         FormatError
             A list that is none, or a ``dvc.lock``.
         """
-        digest = self._recorded(kind.folder)
-        if not is_folder(digest):
-            remedy = "Give a revision that has the data set made and committed."
-            raise InputError(self.name, f"this revision has no {kind.folder}", remedy)
-        files = self.stores.folder(digest, f"{self.name}, {kind.folder}")
-        products = [name for name in files if name.endswith(kind.suffix)]
-        digests = {name.removesuffix(kind.suffix): files[name] for name in products}
+        places = self._partitions()
+        if object_ids and places:
+            numbers = {partition_number(object_id, len(places)) for object_id in object_ids}
+            places = [places[number] for number in sorted(numbers)]
+        digests: dict[str, str] = {}
+        for place in places or [""]:
+            folder = f"{place}{kind.folder}"
+            digest = self._recorded(place, kind.folder)
+            if not is_folder(digest):
+                remedy = "Give a revision that has the data set made and committed."
+                raise InputError(self.name, f"this revision has no {folder}", remedy)
+            files = self.stores.folder(digest, f"{self.name}, {folder}")
+            products = [name for name in files if name.endswith(kind.suffix)]
+            digests |= {name.removesuffix(kind.suffix): files[name] for name in products}
         # The list is not trusted: a name in it must not lead out of a folder.
         return {object_id: md5 for object_id, md5 in digests.items() if SAFE_ID.fullmatch(object_id)}
 
-    def _recorded(self, folder: str) -> str:
+    def _partitions(self) -> list[str]:
+        """Return the folders of the partitions of a long table, each with a slash at its end."""
+        fs = self._repository.fs
+        folder = fs.join(self._repository.root_dir, str(FOLDER))
+        entries = fs.ls(folder, detail=False) if fs.isdir(folder) else []
+        return [f"{FOLDER}/{name}/" for name in sorted(map(fs.name, entries)) if NAME.fullmatch(name)]
+
+    def _recorded(self, place: str, folder: str) -> str:
         """Return the MD5 of a folder by the file of ``dvc add`` beside it or by ``dvc.lock``; else nothing.
 
         DVC's own index would read all stages, and the files that imports among them name, such as a device.
         """
         fs, root = self._repository.fs, self._repository.root_dir
         for name, path in ((f"{folder}.dvc", Path(folder).name), (LOCK, folder)):
+            name = f"{place}{name}"
             file = fs.join(root, *name.split("/"))
             if not fs.isfile(file):
                 continue
@@ -197,9 +215,10 @@ class PublishedRevision:
         InputError
             An object without such a product; see `products` for others.
         """
-        products = self.products(kind)
+        products = self.products(kind, object_ids)
         for object_id in object_ids:
             if object_id not in products:
+                products = self.products(kind)
                 near = difflib.get_close_matches(object_id, products, n=3, cutoff=0.4)
                 count = f"It has {len(products)}, as {', '.join(sorted(products)[:5])}."
                 remedy = f"Near are {', '.join(near)}." if near else count

@@ -1,12 +1,14 @@
 """A release of a data set: checked, described against the one before it, committed and tagged."""
 
 import contextlib
+import csv
 import datetime
+import io
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +24,7 @@ from pipeline.audit.verification import verify
 from pipeline.audit.versions import Version, made_nothing, read_version
 from pipeline.dataset.counts import counted
 from pipeline.dataset.lock_file import LOCK
+from pipeline.dataset.partition_folders import FOLDER, data_sets, folders
 from pipeline.dataset.selection import SELECTION, read_selection
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
@@ -32,6 +35,7 @@ from pipeline.publish.release.zenodo import zenodo_text
 
 NAME = re.compile(r"v(\d+)(?:\.(\d+))?(?:\.(\d+))?")
 CHANGELOG, VERSIONS, ZENODO = f"{REPORTS}/CHANGELOG.md", f"{REPORTS}/object_versions.csv", ".zenodo.json"
+CROISSANT = "croissant.json"
 SENSES = ("vision", "audio", "touch")
 CHANGES = (State.ADDED, State.REMOVED, State.RENAMED, State.CHANGED, State.MENDED)
 Progress = Callable[[str], None]
@@ -69,7 +73,8 @@ def release(
 ) -> ReleaseSummary:
     """Check the data set at `root`, write its cards and changelog, commit them and tag the commit.
 
-    Nothing is written before all checks are passed, and nothing is pushed.
+    Nothing is written before all checks are passed, and nothing is pushed. Of a table in partitions, the
+    release has all of them.
 
     Parameters
     ----------
@@ -109,10 +114,13 @@ def release(
         if audit.problems:
             raise InputError(before, f"cannot be compared ({audit.problems[0]})", "Fetch it: `dvc fetch`.")
         earlier = GitRepository(root).read(before, VERSIONS) if before else None
-        digests = {key: content.md5 for key, content in version.folders[OBJECT_FILES.folder].products.items()}
+        object_files = dict(sorted(version.folders[OBJECT_FILES.folder].products.items()))
+        digests = {key: content.md5 for key, content in object_files.items()}
     progress("writing")
     _state_publication(root, ".".join(number or "0" for number in numbers.groups()), day)
+    figures = _write_figures_of_partitions(root)
     cards = [path.relative_to(root).as_posix() for path in write_cards(root, root / REPORTS)]
+    others = [path for own in folders(root) for path in write_cards(own, own / REPORTS)]
     changelog = (root / CHANGELOG).read_text("utf-8") if (root / CHANGELOG).is_file() else ""
     new = section(name, day.isoformat(), audit)
     texts = {
@@ -122,14 +130,15 @@ def release(
     }
     for path, text in texts.items():
         write_whole(root / path, text)
-    if any(card in version.lock.outs for card in cards):
-        _record_cards(root)
-    _git(root, "add", "--", PUBLICATION, *cards, *texts, LOCK)
+    _record_cards(root, version)
+    locks = [folder / LOCK for folder in data_sets(root)]
+    _git(root, "add", "--", PUBLICATION, *figures, *cards, *texts, *map(str, [*others, *locks]))
     _git(root, "commit", "--quiet", "--message", f"Release {name}")
     _git(root, "tag", "--annotate", "--cleanup=whitespace", "--message", new, name)
     if output:
         progress("writing the folder for Hugging Face")
-        _write_hugging_face(root, output, sorted(digests), [*cards, *texts])
+        files = {key: content.where for key, content in object_files.items()}
+        _write_hugging_face(root, output, files, [*cards, *texts])
     changed = sum(entry.state in CHANGES for entry in audit.objects)
     folder = str(output) if output else ""
     return ReleaseSummary(
@@ -150,17 +159,22 @@ def _check_products(root: Path, contents: Contents, version: Version, stages: Se
     """Raise where objects are selected, or products are not as asked for, damaged, or without fidelity."""
     from dvc.repo import Repo
 
-    if read_selection(root):
-        finding = "objects are selected, and a release has all of the table"
-        raise InputError(str(SELECTION), finding, "Run `make dataset` without ONLY, and commit.")
+    for own in data_sets(root):
+        if read_selection(own):
+            where = str((own / SELECTION).relative_to(root))
+            finding = "objects are selected, and a release has all of the table"
+            raise InputError(where, finding, "Run `make dataset` without ONLY, and commit.")
     for fault in verify(contents, version, stages).findings:
         raise InputError(fault.where, f"{fault.kind}: {fault.finding}", fault.remedy)
     with contextlib.chdir(root), Repo(str(root)) as repository:
-        if stale := repository.status(targets=["dvc.yaml"]):
+        in_partitions = bool(folders(root))
+        targets = [str(FOLDER) if in_partitions else "dvc.yaml"]
+        if stale := repository.status(targets=targets, recursive=in_partitions):
             raise InputError(str(root), f"{min(stale)} is not up to date", "Run `dvc repro`, and commit.")
     for object_id in version.folders[OBJECT_FILES.folder].products:
+        content = version.content(FIDELITY, object_id)
         try:
-            attributes = read_attributes(FIDELITY.path(root, object_id))
+            attributes = read_attributes(root / content.where) if content else {}
             absent = [sense for sense in SENSES if not attributes.get(sense)]
         except (FileNotFoundError, FormatError):
             absent = list(SENSES)
@@ -177,13 +191,33 @@ def _state_publication(root: Path, number: str, day: datetime.date) -> None:
     write_whole(path, "\n".join([*rest, f"version: {number}", f"date: {day.isoformat()}"]) + "\n")
 
 
-def _record_cards(root: Path) -> None:
-    """Let ``dvc.lock`` have the cards as they are now."""
+def _write_figures_of_partitions(root: Path) -> list[str]:
+    """Write the figures of all partitions where a data set has its own; return the names of the files."""
+    tables = [path for own in folders(root) if (path := own / REPORTS / PER_OBJECT).is_file()]
+    if not tables:
+        return []
+    rows = [row for table in tables for row in csv.DictReader(io.StringIO(table.read_text("utf-8")))]
+    text = io.StringIO()
+    columns = dict.fromkeys(column for row in rows for column in row)
+    writer = csv.DictWriter(text, list(columns), restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(sorted(rows, key=lambda row: row["id"]))
+    (root / REPORTS).mkdir(exist_ok=True)
+    write_whole(root / REPORTS / PER_OBJECT, text.getvalue())
+    metrics = (root / FOLDER / METRICS).read_text("utf-8")
+    write_whole(root / REPORTS / METRICS, metrics)
+    return [f"{REPORTS}/{name}" for name in (PER_OBJECT, METRICS)]
+
+
+def _record_cards(root: Path, version: Version) -> None:
+    """Let each ``dvc.lock`` that has cards have them as they are now."""
     from dvc.repo import Repo
 
     # DVC would tell on standard output what it does.
     with contextlib.chdir(root), contextlib.redirect_stdout(sys.stderr), Repo(str(root)) as repository:
-        repository.commit("report", force=True)
+        for folder in (own.relative_to(root) for own in data_sets(root)):
+            if (folder / REPORTS / CROISSANT).as_posix() in version.lock.outs:
+                repository.commit(f"{folder / 'dvc.yaml'}:report", force=True)
 
 
 def _last_tag(root: Path) -> str:
@@ -192,16 +226,16 @@ def _last_tag(root: Path) -> str:
     return next((tag for tag in tags if NAME.fullmatch(tag)), "")
 
 
-def _write_hugging_face(root: Path, output: Path, object_ids: Sequence[str], texts: Sequence[str]) -> None:
+def _write_hugging_face(root: Path, output: Path, files: Mapping[str, str], texts: Sequence[str]) -> None:
+    """Write a folder for Hugging Face of the Object Files, whose paths `files` has by object id."""
     with new_folder(output) as folder:
         figures = [f"{REPORTS}/{name}" for name in (PER_OBJECT, METRICS)]
-        files = [str(OBJECT_FILES.path(Path(), object_id)) for object_id in object_ids]
-        for name in (*texts, *figures, *files):
+        for name in (*texts, *figures, *files.values()):
             if (root / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(root / name, folder / name)
         (folder / REPORTS / "data_card.md").rename(folder / "README.md")
-        write_json(folder / MANIFEST, {"format": "hugging_face", "objects": list(object_ids)})
+        write_json(folder / MANIFEST, {"format": "hugging_face", "objects": list(files)})
 
 
 def _git(root: Path, *words: str) -> str:

@@ -10,9 +10,10 @@ from objectfolder.products.atomic import write_whole
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.manifest import read_summary
 from pipeline.dataset.measures import BYTES, HEADLINE, REPORTED, Measure
+from pipeline.dataset.partition_folders import FOLDER, folders
 from pipeline.publish.report.summary import metrics_text
 from pipeline.publish.report.templates import security_policy, template_environment
-from pipeline.run.partitions import FOLDER, PER_OBJECT, folders
+from pipeline.run.partitions import PER_OBJECT
 
 
 @dataclass(frozen=True)
