@@ -23,6 +23,7 @@ from pipeline.publish.report.charts import histogram, setting_medians, speed_err
 from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
 from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
 from pipeline.publish.report.summary import (
+    MeasureSummary,
     cost_summary,
     definitions_of,
     error_words,
@@ -30,7 +31,6 @@ from pipeline.publish.report.summary import (
     speed_error_rows,
     split,
     stage_rows,
-    summaries,
 )
 from pipeline.publish.report.templates import security_policy, template_environment, web_link
 
@@ -79,6 +79,7 @@ class Row(NamedTuple):
 
 def render_index(
     objects: Sequence[MeasuredObject],
+    measures: Sequence[MeasureSummary],
     failures: Sequence[FailedObject],
     paged: frozenset[str],
     fingerprint: str,
@@ -87,6 +88,8 @@ def render_index(
 
     Parameters
     ----------
+    measures
+        What is known of all objects together, by measure.
     failures
         All, those of reading products too.
     paged
@@ -99,7 +102,7 @@ def render_index(
     pages = {one.object_id: page_name(one.object_id) for one in ordered if one.object_id in paged}
     rows = [_row(one, failed, pages) for one in ordered]
     rows += [Row(object_id, object_id) for object_id in sorted(failed - {one.object_id for one in ordered})]
-    measured, cost = summaries(ordered), cost_summary(ordered)
+    cost = cost_summary(ordered)
     environment = template_environment()
     environment.filters["error"] = error_words
     return environment.get_template("index.html.j2").render(
@@ -116,12 +119,12 @@ def render_index(
         failures=failures,
         failed=len(failed),
         pages=pages,
-        summary=measured,
-        figures=[row for row in measured if row.measure in HEADLINE],
-        full_image=next(row for row in measured if row.measure == FULL_IMAGE),
+        summary=measures,
+        figures=[row for row in measures if row.measure in HEADLINE],
+        full_image=next(row for row in measures if row.measure == FULL_IMAGE),
         noise_floor_db=mean([number_at(one.attributes, "vision.noise_floor_db") for one in objects]),
         ranking=HEADLINE,
-        distributions=[(one, *histogram(one)) for one in [*measured, cost] if len(one.values) > 1],
+        distributions=[(one, *histogram(one)) for one in [*measures, cost] if len(one.values) > 1],
         efforts=_efforts(objects),
         sense_names=SENSE_NAMES,
         stages=stage_rows(objects),

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,14 @@ class MeasuredObject:
 
     def cost(self, stage: str) -> Cost | None:
         """Return the cost of the product that was measured, the latest where that is not known."""
-        return self._latest([cost for cost in self.costs if cost.stage == stage], stage)
+        return self._cost_by_stage.get(stage)
+
+    @cached_property
+    def _cost_by_stage(self) -> dict[str, Cost | None]:
+        rows: dict[str, list[Cost]] = {}
+        for cost in self.costs:
+            rows.setdefault(cost.stage, []).append(cost)
+        return {stage: self._latest(costs, stage) for stage, costs in rows.items()}
 
     def _seconds_per_query(self, key: str) -> float | None:
         rows = [cost for cost in self.costs if cost.stage == QUERY and cost.key == key]

@@ -14,7 +14,7 @@ from pipeline.dataset.products import PLAYERS
 from pipeline.dataset.task import Failure
 from pipeline.dataset.verified import Verified
 from pipeline.publish.report.index_page import render_index
-from pipeline.publish.report.measured_objects import read_objects
+from pipeline.publish.report.measured_objects import read_objects, worst_first
 from pipeline.publish.report.object_page import (
     OBJECTS,
     PLAYER,
@@ -81,9 +81,10 @@ def write_report(
     )
     verified.save()
     known += damaged
+    measures = summaries(worst_first(objects))
     texts = {
         "metrics.json": metrics_text(
-            summaries(objects),
+            measures,
             len(objects),
             len({failure.object for failure in known}),
             sum(one.silent for one in objects),
@@ -95,7 +96,7 @@ def write_report(
     fingerprint = hashlib.sha256(content.encode()).hexdigest()
     # What the first page shows of an object whose own page failed is in no fingerprint.
     if damaged or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
-        texts["index.html"] = render_index(objects, known, paged, fingerprint)
+        texts["index.html"] = render_index(objects, measures, known, paged, fingerprint)
     for name, text in texts.items():
         write_whole(reports_folder / name, text)
 
