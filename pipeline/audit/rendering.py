@@ -51,8 +51,8 @@ def audit_text(
 
     A terminal gets the first groups, ids and changes only, unless `whole`.
     """
-    felt = [figure for figure in audit.fidelity if abs(figure.weight) >= LEAST_WEIGHT]
-    stages, rows = totals(audit), len(felt) if whole else FIDELITY_ROWS
+    notable_changes = [figure for figure in audit.fidelity if abs(figure.weight) >= LEAST_WEIGHT]
+    stages, rows = totals(audit), len(notable_changes) if whole else FIDELITY_ROWS
     return _rendered(
         "audit",
         width,
@@ -62,10 +62,10 @@ def audit_text(
         most=len(audit.objects) if whole else GROUPS,
         ids=len(audit.objects) if whole else IDS,
         stages=[COLUMNS, *((total.stage, *total.cells) for total in stages)] if stages else [],
-        fidelity=fidelity_rows(felt[:rows]),
+        fidelity=fidelity_rows(notable_changes[:rows]),
         means=fidelity_rows(audit.means),
-        unshown=len(felt[rows:]),
-        smaller=len(audit.fidelity) - len(felt),
+        unshown=len(notable_changes[rows:]),
+        smaller=len(audit.fidelity) - len(notable_changes),
         cost=cost(stages),
         exceeded=exceeded,
         allowed=allowed,

@@ -58,14 +58,16 @@ def differences_of(wanted: Environment, found: Environment) -> list[str]:
     """Return what differs, one sentence part each; empty where the worker may work."""
     before, now = (
         {
-            "packages": {"Python": one.python, **one.packages},
-            "code": {name: digest for digests in one.code.values() for name, digest in digests.items()},
+            "packages": {"Python": entry.python, **entry.packages},
+            "code": {name: digest for digests in entry.code.values() for name, digest in digests.items()},
         }
-        for one in (wanted, found)
+        for entry in (wanted, found)
     )
     changed = differences(before, now)
-    parts = [f"{one.name} {one.new} instead of {one.old}" for one in changed if one.kind == "package"]
-    if modules := [one.name for one in changed if one.kind == "code"]:
+    parts = [
+        f"{entry.name} {entry.new} instead of {entry.old}" for entry in changed if entry.kind == "package"
+    ]
+    if modules := [entry.name for entry in changed if entry.kind == "code"]:
         more = f" and {len(modules) - NAMED} more" if len(modules) > NAMED else ""
         parts.append(f"other code in {', '.join(modules[:NAMED])}{more}")
     return parts

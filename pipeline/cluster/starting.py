@@ -124,9 +124,11 @@ async def _ended_jobs(cluster: Any) -> dict[Any, str]:
     if not jobs:
         return {}
     command = ["squeue", "--noheader", "--format=%i", f"--user={os.getuid()}"]
-    asked = await asyncio.create_subprocess_exec(*command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    queue = (await asked.communicate())[0].decode().split()
-    if asked.returncode:  # Slurm does not answer, and says nothing of jobs
+    process = await asyncio.create_subprocess_exec(
+        *command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    queue = (await process.communicate())[0].decode().split()
+    if process.returncode:  # Slurm does not answer, and says nothing of jobs
         return {}
     return {name: job for name, job in jobs.items() if job and job not in queue and name in cluster.workers}
 
@@ -135,17 +137,17 @@ def _cluster_class(place: Place) -> Callable[..., Any]:
     """Return the class of a place; raise InputError for anything but a cluster of Dask."""
     from distributed.deploy import Cluster
 
-    found = _imported(place.module, place.class_name)
+    target = _imported(place.module, place.class_name)
     # `SSHCluster` is a function that returns one.
-    if place.starts != SSH and not (inspect.isclass(found) and issubclass(found, Cluster)):
+    if place.starts != SSH and not (inspect.isclass(target) and issubclass(target, Cluster)):
         remedy = "Name a class of clusters, as distributed.LocalCluster."
         raise InputError(place.starts, "is no cluster of Dask", remedy)
-    return found
+    return target
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
     try:
-        found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+        target: Callable[..., Any] = getattr(importlib.import_module(module), name)
     except ImportError as error:
         package = (error.name or module).partition(".")[0]
         extra = EXTRAS.get(package)
@@ -156,7 +158,7 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
         known = dir(importlib.import_module(module))
         remedy = did_you_mean(name, known, "Correct class and module of the place.")
         raise InputError(f"{module}.{name}", "there is no such class", remedy) from error
-    return found
+    return target
 
 
 def check_arguments(kind: Any, place: Place) -> None:
@@ -170,7 +172,7 @@ def check_arguments(kind: Any, place: Place) -> None:
     from distributed import Nanny, SpecCluster, Worker
 
     classes = (kind, getattr(kind, "job_cls", kind), SpecCluster, Nanny, Worker)
-    takers = {taker for one in classes for taker in (one, *getattr(one, "__mro__", ()))}
+    takers = {taker for entry in classes for taker in (entry, *getattr(entry, "__mro__", ()))}
     known = {name for taker in takers for name in inspect.signature(taker).parameters}
     for name in place.kwargs:
         if name not in known:

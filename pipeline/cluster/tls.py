@@ -36,10 +36,10 @@ def security(place: Place, root: Path) -> Any:
     """
     from distributed import Security
 
-    named = os.environ.get(FILE) or place.tls
-    if isinstance(named, str):
-        return security_of_file(root / named)
-    if not named or (place.address and not place.address.startswith("tls://")):
+    path = os.environ.get(FILE) or place.tls
+    if isinstance(path, str):
+        return security_of_file(root / path)
+    if not path or (place.address and not place.address.startswith("tls://")):
         return None
     if place.address or place.starts == SSH:
         finding = "the machines share no certificate"

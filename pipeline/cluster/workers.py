@@ -62,26 +62,26 @@ class Workers:
         try:
             if self.client.status != "running":
                 raise OSError(self.client.status)
-            found = self.client.scheduler_info(n_workers=-1)["workers"]
+            infos = self.client.scheduler_info(n_workers=-1)["workers"]
         except OSError as error:
             raise gone() from error
         admitted = {
             address: worker["resources"]
-            for address, worker in found.items()
+            for address, worker in infos.items()
             if worker["resources"].get(self.name)
         }
         if admitted.keys() != self._admitted.keys():
             self._changed_at = now
         self._admitted = admitted
-        self.threads = sum(found[address]["nthreads"] for address in admitted)
+        self.threads = sum(infos[address]["nthreads"] for address in admitted)
         if not admitted:
-            refused = [why for address, why in list(self._refused.items()) if address in found]
-            self._check_wait(now - self._changed_at, refused if len(refused) == len(found) else [])
+            refused = [why for address, why in list(self._refused.items()) if address in infos]
+            self._check_wait(now - self._changed_at, refused if len(refused) == len(infos) else [])
         return True
 
     def largest_bytes(self, needs: Collection[str]) -> int:
         """Return the memory of the largest worker that offers `needs`; `UNKNOWN_BYTES` without any."""
-        return max((int(one[MEMORY_BYTES]) for one in self._able(needs)), default=UNKNOWN_BYTES)
+        return max((int(worker[MEMORY_BYTES]) for worker in self._able(needs)), default=UNKNOWN_BYTES)
 
     def threads_that_offer(self, needs: Collection[str]) -> int:
         """Return the threads of all workers that offer `needs`."""

@@ -101,9 +101,11 @@ class Verified:
     def _attributes(self, entry: _Product, path: Path, names: Sequence[str]) -> dict[str, Any]:
         known = entry.attributes
         if not known.keys() >= set(names):
-            found = products.read_description(path)
+            description = products.read_description(path)
             try:
-                known |= {name: functools.reduce(operator.getitem, name.split("."), found) for name in names}
+                known |= {
+                    name: functools.reduce(operator.getitem, name.split("."), description) for name in names
+                }
             except (KeyError, TypeError) as error:
                 finding = f"it carries no {error.args[0]}"
                 raise FormatError(str(path), finding, REMEDY) from error

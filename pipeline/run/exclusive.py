@@ -33,8 +33,8 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
         Another run holds the checkout, and ``OBJECTFOLDER_WAIT`` is 0 or that many seconds went by; or
         it is no number.
     """
-    lock, named = _lock(root), _owner_file(root)
-    named.parent.mkdir(parents=True, exist_ok=True)
+    lock, owner_path = _lock(root), _owner_file(root)
+    owner_path.parent.mkdir(parents=True, exist_ok=True)
     most_s = number_of(WAIT, math.inf)
     if most_s and (other := owner(root)):
         print(f"waiting for {other}", file=stream or sys.stderr, flush=True)
@@ -46,10 +46,10 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
     try:
         (root / DASHBOARD).unlink(missing_ok=True)  # of a run that was killed
         since = datetime.now().isoformat(" ", "seconds")
-        named.write_text(f"process {os.getpid()}, which has run {what} since {since}")
+        owner_path.write_text(f"process {os.getpid()}, which has run {what} since {since}")
         yield
     finally:
-        named.unlink(missing_ok=True)
+        owner_path.unlink(missing_ok=True)
         lock.release()
 
 

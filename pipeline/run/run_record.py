@@ -113,9 +113,9 @@ def records(root: Path) -> list[Path]:
 
 def excess(root: Path) -> list[Path]:
     """Return the oldest records beyond the limits of number and size."""
-    room, found = MOST_BYTES, []
+    room, paths = MOST_BYTES, []
     for index, path in enumerate(reversed(records(root))):
         room -= path.stat().st_size
         if index and (index >= MOST_RUNS or room < 0):
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths

@@ -84,7 +84,7 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
 
         return runner(where, root, jobs, stages)
 
-    refused = [FailedObject.of("objects", one) for one in selected.refused if "objects" in names]
+    refused = [FailedObject.of("objects", failure) for failure in selected.refused if "objects" in names]
     verified, cache, listed = Verified(root), ProductCache(root), read_products(root)
     cache.add(listed.values())
     set_damaged_aside(root, listed, verified)

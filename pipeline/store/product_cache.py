@@ -41,10 +41,10 @@ class ProductCache:
 
     def add(self, entries: Iterable[Entry]) -> None:
         """Note products of a manifest, which DVC has in its cache, or will take into it."""
-        named = {
+        digests = {
             (entry.fingerprint, products.kind_name(entry.path)): entry.md5 for entry in entries if entry.path
         }
-        new = {name: md5 for name, md5 in named.items() if self._index.get(name) != md5}
+        new = {name: md5 for name, md5 in digests.items() if self._index.get(name) != md5}
         lines = [f"{fingerprint},{name},{md5}\n" for (fingerprint, name), md5 in new.items()]
         self._index.update(new)
         if lines:

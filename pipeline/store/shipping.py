@@ -125,8 +125,8 @@ class Shipment(Call):
                     store.url, f"the input {name} is gone", "Run again: it is sent once more."
                 )
         if MESH in inputs:
-            wanted = {os.path.normpath(path) for path in source_files(inputs[MESH], inputs.get(TEXTURE))}
-            if wanted != {str(path) for name, path in inputs.items() if not self.inputs[name].is_product}:
+            names = {os.path.normpath(path) for path in source_files(inputs[MESH], inputs.get(TEXTURE))}
+            if names != {str(path) for name, path in inputs.items() if not self.inputs[name].is_product}:
                 raise InputError(
                     self.request.object_id,
                     "its mesh refers to files by a path that workers elsewhere do not have",

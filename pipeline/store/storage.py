@@ -153,17 +153,17 @@ class Store:
         try:
             yield
         except (OSError, BaseError) as error:
-            said = _said(error)
-            if "NoSuchBucket" in said:
+            text = _said(error)
+            if "NoSuchBucket" in text:
                 raise InputError(self.url, "no such bucket", f"Create it, or correct {STORE}.") from error
             if isinstance(error, FileNotFoundError):
                 raise
             if isinstance(error, OSError):
                 raise disk_error(error, error.filename or local or self._folder or self.url) from error
-            if DENIED.search(said):
+            if DENIED.search(text):
                 remedy = "Check the credentials; they need the rights to list, read, write and delete."
-                raise InputError(self.url, f"access denied ({said})", remedy) from error
-            finding = f"no success ({said}), tried again for {self._patience_s:g} s at most"
+                raise InputError(self.url, f"access denied ({text})", remedy) from error
+            finding = f"no success ({text}), tried again for {self._patience_s:g} s at most"
             remedy = f"See whether it runs and can be reached from here. {KEPT}"
             raise SimulationError(self.url, finding, remedy) from error
 

@@ -23,7 +23,7 @@ from pipeline.dataset.measures import (
 
 def info_lines(file: ObjectFile, path: Path) -> list[str]:
     """Return what a file holds."""
-    said = file.description["object"]
+    statement = file.description["object"]
     modes = file.modes.frequencies_hz
     parts = ", ".join(f"{name} {count}" for name, count in file.bytes_by_part().items())
     silent = "no sound" if file.modes.absent else "no audible mode"
@@ -31,8 +31,8 @@ def info_lines(file: ObjectFile, path: Path) -> list[str]:
     sight = "computed from the material" if file.vision.computed else "learned from views"
     sight = "computed as thin glass" if file.vision.glass == THIN else sight
     return [
-        f"{said['name']} ({said['id']}), {file.description['material']['name']}",
-        f"licence      {said['licence']}; {said['attribution']}",
+        f"{statement['name']} ({statement['id']}), {file.description['material']['name']}",
+        f"licence      {statement['licence']}; {statement['attribution']}",
         f"size         {' x '.join(f'{side:.4g}' for side in np.ptp(file.surface.bounds, axis=0))} m",
         f"surface      {len(file.surface.faces)} triangles",
         *_body(file),

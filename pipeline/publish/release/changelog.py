@@ -20,19 +20,22 @@ def section(version: str, day: str, audit: Audit) -> str:
     for group in groups(audit):
         lines += ["", f"**{escape(group.title)}**: {escape(names(group.objects, MOST_IDS))}"]
         lines += [f"- {escape(text)}" for text in (*group.reasons, group.places) if text]
-    felt = [
+    notable_changes = [
         figure
         for figure in audit.fidelity
         if figure.before is not None and abs(figure.weight) >= LEAST_WEIGHT
     ]
-    for title, changes in (("Objects", felt[:FIDELITY_ROWS]), ("Means", audit.means)):
+    for title, changes in (("Objects", notable_changes[:FIDELITY_ROWS]), ("Means", audit.means)):
         head, *rows = fidelity_rows(changes) or [()]
         if rows:
             cells = [head, ["---"] * len(head), *rows]
             lines += ["", f"{title} whose fidelity changed, worst first:", ""]
             lines += [f"| {' | '.join(map(escape, row))} |" for row in cells]
-    if len(felt) > FIDELITY_ROWS:
-        lines += ["", f"{len(felt) - FIDELITY_ROWS} more of objects; `objectfolder audit --json` has all."]
+    if len(notable_changes) > FIDELITY_ROWS:
+        lines += [
+            "",
+            f"{len(notable_changes) - FIDELITY_ROWS} more of objects; `objectfolder audit --json` has all.",
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -234,11 +234,11 @@ def _drawable(row: Mapping[str, Any], column: str) -> bool:
 
 def _band(rows: Sequence[Mapping[str, Any]], column: str) -> list[tuple[float, ...]]:
     """Return median place, low and high error of each setting, by place."""
-    found = [
+    points = [
         (statistics.median(_known(step, column)), *np.quantile(_known(step, "error"), BAND).tolist())
         for step in _steps(rows)
     ]
-    return list(zip(*sorted(found), strict=True))
+    return list(zip(*sorted(points), strict=True))
 
 
 def _widened(values: Sequence[float], share: float) -> Point:

@@ -118,8 +118,8 @@ class MeasuredObject:
 
     def _latest(self, rows: Sequence[Cost], stage: str) -> Cost | None:
         stated = self.part("provenance").get("fingerprints")
-        wanted = stated.get(stage) if isinstance(stated, Mapping) else None
-        rows = [cost for cost in rows if wanted in (None, cost.fingerprint)]
+        fingerprint = stated.get(stage) if isinstance(stated, Mapping) else None
+        rows = [cost for cost in rows if fingerprint in (None, cost.fingerprint)]
         return rows[-1] if rows else None
 
     def _list(self, part: str, name: str) -> list[Any]:
@@ -142,19 +142,21 @@ def read_objects(folder: Path, costs: Iterable[Cost]) -> tuple[list[MeasuredObje
     for path in sorted(folder.glob(f"*{ZARR}")):
         name = path.name.removesuffix(ZARR)
         try:
-            one = MeasuredObject(name, read_attributes(path))
-            objects.append(replace(one, costs=own.get(one.object_id, ())))
+            subject = MeasuredObject(name, read_attributes(path))
+            objects.append(replace(subject, costs=own.get(subject.object_id, ())))
         except FormatError as error:
             failures.append(FailedObject(name, "report", f"{path.name}: {error.finding}", error.remedy))
-    return sorted(objects, key=lambda one: one.object_id), failures
+    return sorted(objects, key=lambda subject: subject.object_id), failures
 
 
 def stage_names(objects: Iterable[MeasuredObject]) -> tuple[str, ...]:
     """Return the stages in order of the pipeline, then others that these objects have behind them."""
-    others = {cost.stage for one in objects for cost in one.costs} - {*STAGES, QUERY}
+    others = {cost.stage for subject in objects for cost in subject.costs} - {*STAGES, QUERY}
     return (*STAGES, *sorted(others))
 
 
 def worst_first(objects: Sequence[MeasuredObject]) -> list[MeasuredObject]:
     """Order by the smallest margin to a target, worst first; objects without a measure come last."""
-    return sorted(objects, key=lambda one: (one.margin_db is None, one.margin_db or 0.0, one.object_id))
+    return sorted(
+        objects, key=lambda subject: (subject.margin_db is None, subject.margin_db or 0.0, subject.object_id)
+    )

@@ -169,21 +169,21 @@ def shown_fingerprint(page: Path) -> tuple[str | None, bool]:
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
         return None, False
-    found = _FINGERPRINT.search(head)
-    return found[1].decode() if found else None, PLAYER_STYLE in head
+    findings = _FINGERPRINT.search(head)
+    return findings[1].decode() if findings else None, PLAYER_STYLE in head
 
 
 def _collision(products: ObjectProducts) -> str:
     """Return how the convex parts fit, or why there are none; empty where there is no product."""
     with products.reading("collision"):
-        said = products.attributes("collision")
-        if not said:
+        statement = products.attributes("collision")
+        if not statement:
             return ""
-        if said["absent"] is not None:
-            return f"none, for {said['absent']}"
+        if statement["absent"] is not None:
+            return f"none, for {statement['absent']}"
         return (
-            f"{said['parts']} convex, {100 * said['union_iou']:.0f} % of the volume in solid or "
-            f"parts is in both, and none sticks out by more than {1000 * said['outward_m']:.1f} mm."
+            f"{statement['parts']} convex, {100 * statement['union_iou']:.0f} % of the volume in solid or "
+            f"parts is in both, and none sticks out by more than {1000 * statement['outward_m']:.1f} mm."
         )
     return ""
 
@@ -201,15 +201,17 @@ def _filling(subject: MeasuredObject, products: ObjectProducts) -> dict[str, flo
 
 def _origins(products: ObjectProducts) -> list[dict[str, Any]]:
     """Return stage, fingerprint and provenance of every product that names what it was made from."""
-    found = []
+    findings = []
     for kind in [kind for kind in SUFFIXES if kind != OBJECT_FILES.name]:
         attributes = products.attributes(kind)
         stated = attributes.get("provenance")
         with products.reading(f"provenance of {kind}"):
             stated = json.loads(stated) if isinstance(stated, str) else stated
             if isinstance(stated, Mapping):
-                found.append({"stage": kind, "fingerprint": attributes.get("fingerprint"), "stated": stated})
-    return found
+                findings.append(
+                    {"stage": kind, "fingerprint": attributes.get("fingerprint"), "stated": stated}
+                )
+    return findings
 
 
 def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str, str]:

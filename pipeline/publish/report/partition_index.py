@@ -94,8 +94,8 @@ def _read(folder: Path) -> PartitionReport:
     audible = [row for row in rows if row["audio.audible"] != "0"]
 
     def values(measure: Measure) -> list[float]:
-        counted = audible if measure.sense == "audio" else rows
-        return [float(text) for row in counted if (text := row.get(measure.key))]
+        subjects = audible if measure.sense == "audio" else rows
+        return [float(text) for row in subjects if (text := row.get(measure.key))]
 
     stages = read_summary(folder).values()
     return PartitionReport(

@@ -81,23 +81,23 @@ class Gallery(NamedTuple):
     @property
     def stored(self) -> list[Seen]:
         """Those with pictures of their own."""
-        return [one for one in self.items if one.truth]
+        return [item for item in self.items if item.truth]
 
     def others(self) -> dict[str, Any]:
         """Return what a page's script needs to show those on the sheet, as JSON, by rank."""
         return {
-            str(one.rank): {
-                "place": one.place,
-                "row": one.row,
+            str(item.rank): {
+                "place": item.place,
+                "row": item.row,
                 "facts": [
                     (fact.name, number(fact.value, fact.decimals), fact.unit)
-                    for fact in one.facts
+                    for fact in item.facts
                     if fact.value is not None
                 ],
-                "contact": one.contact and one.contact._asdict(),
+                "contact": item.contact and item.contact._asdict(),
             }
-            for one in self.items
-            if not one.truth
+            for item in self.items
+            if not item.truth
         }
 
 
@@ -114,14 +114,14 @@ def queries(fidelity: Product, products: ObjectProducts, most: int) -> dict[str,
 
     What cannot be read is left out and noted in ``products.unreadable``.
     """
-    found: dict[str, Any] = {"views": None, "strikes": None, "touches": None}
+    contents: dict[str, Any] = {"views": None, "strikes": None, "touches": None}
     with products.reading("views"):
-        found["views"] = _views(fidelity, products, most)
+        contents["views"] = _views(fidelity, products, most)
     with products.reading("strikes"):
-        found["strikes"] = _strikes(fidelity, products)
+        contents["strikes"] = _strikes(fidelity, products)
     with products.reading("touches"):
-        found["touches"] = _touches(fidelity, products, most)
-    return found
+        contents["touches"] = _touches(fidelity, products, most)
+    return contents
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -222,24 +222,24 @@ def _touches(fidelity: Product, products: ObjectProducts, most: int) -> Gallery 
     gallery = _gallery(fidelity, "touch", facts, "contact region", most)
     if gallery is None:
         return None
-    found: list[tuple[Contact, list[Fact]]] = []
+    contents: list[tuple[Contact, list[Fact]]] = []
     with products.reading("contacts"):
-        found = list(zip(_contacts(fidelity), _labels(products), strict=True))
-    if len(found) != len(rows):
+        contents = list(zip(_contacts(fidelity), _labels(products), strict=True))
+    if len(contents) != len(rows):
         return gallery
     items = [
-        one._replace(contact=found[one.row][0], facts=[*one.facts, *found[one.row][1]])
-        for one in gallery.items
+        item._replace(contact=contents[item.row][0], facts=[*item.facts, *contents[item.row][1]])
+        for item in gallery.items
     ]
     return gallery._replace(items=items)
 
 
 def _contacts(fidelity: Product) -> list[Contact]:
-    named = (fidelity[f"touch_{name}"].tolist() for name in ("side", "visible"))
+    flags = (fidelity[f"touch_{name}"].tolist() for name in ("side", "visible"))
     pixels = fidelity["touch_pixels"].astype(np.float64).reshape(-1, 6, 2).round(1).tolist()
     return [
         Contact(side, visible, spot, arrow, " ".join(f"{x},{y}" for x, y in gel))
-        for side, visible, (spot, arrow, *gel) in zip(*named, pixels, strict=True)
+        for side, visible, (spot, arrow, *gel) in zip(*flags, pixels, strict=True)
     ]
 
 

@@ -58,10 +58,10 @@ def strikes_script(fidelity: Product, points_m: np.ndarray) -> bytes:
     """
     own = zip(fidelity["strike_eigenvalues"], fidelity["strike_dampings_per_s"], strict=True)
     differences_db = fidelity["strike_difference_db"]
-    wanted = len(differences_db), fidelity["strike_eigenvalues"].shape[1]
+    shape = len(differences_db), fidelity["strike_eigenvalues"].shape[1]
     for name in ("truth", "difference"):
-        if fidelity[f"strike_{name}"].shape != wanted:
-            raise ValueError(f"strike_{name} is {fidelity[f'strike_{name}'].shape}, not {wanted}")
+        if fidelity[f"strike_{name}"].shape != shape:
+            raise ValueError(f"strike_{name} is {fidelity[f'strike_{name}'].shape}, not {shape}")
     order = np.argsort(-differences_db, kind="stable")  # the silent ones last
     arrays = {
         "recursions": np.stack([recursions(*pair) for pair in own]).astype("<f8"),

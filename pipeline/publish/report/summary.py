@@ -76,22 +76,24 @@ def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
 
     An occasional measure that no object has is left out.
     """
-    found = []
+    results = []
     for measure in (*REPORTED, BYTES):
-        counted = [one for one in objects if not (measure.sense == "audio" and one.silent)]
-        known = [(value, one) for one in counted if (value := measure.of(one.attributes)) is not None]
+        subjects = [subject for subject in objects if not (measure.sense == "audio" and subject.silent)]
+        known = [
+            (value, subject) for subject in subjects if (value := measure.of(subject.attributes)) is not None
+        ]
         if measure.occasional and not known:
             continue
-        trivial = mean([measure.trivial_of(one.attributes) for _, one in known])
-        floor = mean([measure.noise_floor_of(one.attributes) for _, one in known])
-        values = [(value, one.object_id) for value, one in known]
-        found.append(MeasureSummary(measure, values, trivial, floor))
-    return found
+        trivial = mean([measure.trivial_of(subject.attributes) for _, subject in known])
+        floor = mean([measure.noise_floor_of(subject.attributes) for _, subject in known])
+        values = [(value, subject.object_id) for value, subject in known]
+        results.append(MeasureSummary(measure, values, trivial, floor))
+    return results
 
 
 def cost_summary(objects: Sequence[MeasuredObject]) -> MeasureSummary:
     """Return the cost of the objects whose every stage was measured."""
-    seconds = [(one.cpu_seconds, one.object_id) for one in objects]
+    seconds = [(subject.cpu_seconds, subject.object_id) for subject in objects]
     return MeasureSummary(COST, [(value, object_id) for value, object_id in seconds if value is not None])
 
 
@@ -99,7 +101,7 @@ def stage_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
     """Return CPU seconds and peak memory of each stage over the objects it was measured for."""
     rows = []
     for stage in stage_names(objects):
-        costs = [cost for one in objects if (cost := one.cost(stage))]
+        costs = [cost for subject in objects if (cost := subject.cost(stage))]
         cpu = [cost.cpu_s for cost in costs if cost.cpu_s is not None]
         memory = [cost.peak_memory_mb for cost in costs if cost.peak_memory_mb is not None]
         row = {"stage": stage, "objects": len(cpu), "median": statistics.median(cpu) if cpu else None}
@@ -110,8 +112,8 @@ def stage_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
 def definitions_of(objects: Sequence[MeasuredObject]) -> dict[str, str]:
     """Return measure to definition: the products' own words in their order."""
     own: dict[str, str] = {}
-    for one in objects:
-        own |= {str(name): str(text) for name, text in one.part("definitions").items()}
+    for subject in objects:
+        own |= {str(name): str(text) for name, text in subject.part("definitions").items()}
     return own
 
 
@@ -119,7 +121,9 @@ def split(objects: Sequence[MeasuredObject]) -> list[tuple[str, str, list[float]
     """Return sense, unit, and the distinct counts of training and of held-out queries."""
 
     def counts(key: str) -> list[float]:
-        return sorted({value for one in objects if (value := number_at(one.attributes, key)) is not None})
+        return sorted(
+            {value for subject in objects if (value := number_at(subject.attributes, key)) is not None}
+        )
 
     return [
         (sense, unit, counts(f"{sense}.training_{queries}"), counts(f"{sense}.held_out_{queries}"))
@@ -178,23 +182,25 @@ def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failed: int, s
 
 def object_table(objects: Sequence[MeasuredObject]) -> str:
     """Return one row an object with every number known of it; an empty cell for an unknown one."""
-    stated = [(one, part, name) for one in objects for part in PARTS[:-1] for name in one.part(part)]
-    keys = {(part, name) for one, part, name in stated if number_at(one.part(part), name) is not None}
+    stated = [
+        (subject, part, name) for subject in objects for part in PARTS[:-1] for name in subject.part(part)
+    ]
+    keys = {(part, name) for subject, part, name in stated if number_at(subject.part(part), name) is not None}
     keys |= {(measure.sense, measure.name) for measure in REPORTED if not measure.occasional}
     ordered = sorted(keys, key=lambda key: (PARTS.index(key[0]), key[1]))
     ordered += [("bytes", name) for name in BYTE_PARTS]
     stages = stage_names(objects)
     rows = []
-    for one in objects:
+    for subject in objects:
         row: dict[str, Any] = {
-            "id": one.object_id,
-            "name": one.name,
-            "material": str(one.description.get("material") or ""),
-            "audio.audible": "" if "audible" not in one.part("audio") else int(not one.silent),
+            "id": subject.object_id,
+            "name": subject.name,
+            "material": str(subject.description.get("material") or ""),
+            "audio.audible": "" if "audible" not in subject.part("audio") else int(not subject.silent),
         }
-        row |= {f"{part}.{name}": number_at(one.part(part), name) for part, name in ordered}
+        row |= {f"{part}.{name}": number_at(subject.part(part), name) for part, name in ordered}
         for stage in stages:
-            cost = one.cost(stage)
+            cost = subject.cost(stage)
             row[f"cpu_seconds.{stage}"] = cost.cpu_s if cost else None
         rows.append(row)
     columns = ["id", "name", "material", "audio.audible", *(".".join(key) for key in ordered)]
@@ -206,8 +212,10 @@ def speed_error_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
     order = {sense: index for index, sense in enumerate(SENSES)}
     return [
         row
-        for one in objects
-        for row in sorted(one.efforts, key=lambda row: (order.get(row["sense"], len(order)), row["sense"]))
+        for subject in objects
+        for row in sorted(
+            subject.efforts, key=lambda row: (order.get(row["sense"], len(order)), row["sense"])
+        )
     ]
 
 

@@ -66,15 +66,17 @@ def write_report(
         A cost table that is not one.
     """
     objects, unreadable = read_objects(fidelity_folder, read_costs(costs_csv))
-    known = sorted([*failures, *unreadable], key=lambda one: (one.object, one.stage, one.error))
+    known = sorted(
+        [*failures, *unreadable], key=lambda subject: (subject.object, subject.stage, subject.error)
+    )
     own: dict[str, list[FailedObject]] = {}
     for failure in known:
         own.setdefault(failure.object, []).append(failure)
-    ids = ["", *(one.object_id for one in objects), ""]
+    ids = ["", *(subject.object_id for subject in objects), ""]
     data, verified = fidelity_folder.parent, Verified(reports_folder.parent)
     pages = [
-        ObjectPage(one, data, ids[place], ids[place + 2], own.get(one.object_id, ()), pairs, verified)
-        for place, one in enumerate(objects)
+        ObjectPage(subject, data, ids[place], ids[place + 2], own.get(subject.object_id, ()), pairs, verified)
+        for place, subject in enumerate(objects)
     ]
     paged, damaged = _write_pages(
         pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS, runner_for
@@ -87,7 +89,7 @@ def write_report(
             measures,
             len(objects),
             len({failure.object for failure in known}),
-            sum(one.silent for one in objects),
+            sum(subject.silent for subject in objects),
         ),
         "per_object.csv": object_table(objects),
         "speed_error.csv": speed_error_table(objects),
@@ -106,12 +108,12 @@ def _write_pages(
 ) -> tuple[frozenset[str], list[FailedObject]]:
     """Write the files of pages, and remove others; return ids with a page, and why others have none."""
     paged, damaged = set(), []
-    wanted: set[str] = set()
+    file_names: set[str] = set()
     changed = []
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     for page in pages:
         if names := _current_files(page, folder, present):
-            wanted |= names
+            file_names |= names
             paged.add(page.subject.object_id)
         else:
             changed.append(page)
@@ -126,14 +128,14 @@ def _write_pages(
         for other, content in beside:
             (folder / other).write_bytes(content)
         write_whole(folder / name, text)  # the page, written last, says that all is there
-        wanted |= files.keys()
+        file_names |= files.keys()
         paged.add(object_id)
-    if any(name.endswith(PLAYER) for name in wanted):
+    if any(name.endswith(PLAYER) for name in file_names):
         from pipeline.publish.viewer.static import write_player_assets
 
-        wanted |= write_player_assets(folder)
+        file_names |= write_player_assets(folder)
     for path in folder.iterdir() if folder.is_dir() else []:
-        if path.name not in wanted and path.is_file():
+        if path.name not in file_names and path.is_file():
             path.unlink()
     damaged.sort(key=lambda failure: failure.object)
     return frozenset(paged), damaged

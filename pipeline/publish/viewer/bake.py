@@ -63,13 +63,13 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     touch, reached = baked_touch(file, places.points)
     arrays |= gains | reached
     described, data = packed(arrays)
-    said = file.description["object"]
+    description = file.description["object"]
     material = file.description["material"] or {}
     header = {
         "format": FORMAT,
-        "name": said["name"],
-        "licence": said["licence"],
-        "attribution": said["attribution"],
+        "name": description["name"],
+        "licence": description["licence"],
+        "attribution": description["attribution"],
         "material": material.get("name"),
         "frame": file.frame.to_dict(),
         "field_of_view_deg": FIELD_OF_VIEW_DEG,
