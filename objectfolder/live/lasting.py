@@ -56,6 +56,11 @@ class LastingContact:
         """How far (2,) it runs over each body from the first to the last knot."""
         return self.paths_m[-1] - self.paths_m[0]
 
+    @property
+    def rests(self) -> bool:
+        """Whether it has run nowhere since the first knot: those of a contact at rest share one path."""
+        return self.paths_m[-1] is self.paths_m[0]
+
     def at(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return force (n,) in newtons and paths (2, n) in metres at times (n,); none beyond the knots."""
         force = np.interp(times_s, self.times_s, self.forces_n, left=0.0, right=0.0)

@@ -94,20 +94,19 @@ class MujocoSimulation:
 
     def touching(self) -> list[Touching]:
         """Return the contacts that had a force in the last step."""
-        contacts, force, touches = self._data.contact, np.zeros(6), []
+        contacts = self._data.contact
         which = np.flatnonzero(contacts.efc_address >= 0)
         owners, points = self._model.geom_bodyid[contacts.geom[which]], contacts.pos[which]
-        velocities, normals = self._velocities(owners, points), contacts.frame[which, :3]
-        for row, index in enumerate(which):
+        velocities, frames = self._velocities(owners, points), contacts.frame[which]
+        forces = np.zeros((len(which), 6))
+        for index, force in zip(which, forces, strict=True):
             self._engine.mj_contactForce(self._model, self._data, index, force)
-            names = self._names[owners[row, 0]], self._names[owners[row, 1]]
-            pressed_n = max(0.0, float(force[0]))
-            along = force[1] * contacts.frame[index, 3:6] + force[2] * contacts.frame[index, 6:]
-            depth_m = max(0.0, -float(contacts.dist[index]))
-            touches.append(
-                Touching(names, points[row], normals[row], pressed_n, velocities[row], along, depth_m)
-            )
-        return touches
+        along = forces[:, 1:2] * frames[:, 3:6] + forces[:, 2:3] * frames[:, 6:]
+        pressed_n = np.maximum(0.0, forces[:, 0]).tolist()
+        depths_m = np.maximum(0.0, -contacts.dist[which]).tolist()
+        names = [(self._names[first], self._names[second]) for first, second in owners.tolist()]
+        rows = zip(names, points, frames[:, :3], pressed_n, velocities, along, depths_m, strict=True)
+        return [Touching(*row) for row in rows]
 
     def mass_at_kg(self, touching: Touching) -> float:
         """Return the mass that two bodies offer to each other at a contact, joints included."""

@@ -54,8 +54,10 @@ class Rubbing:
         self._width_m = 2 * float(hertz.patch_radius_m(weight_n))
         self._starts_m = starts_m
         self._driven: dict[str, tuple[Motion, Floats]] = {}
-        # Where, and mode shapes squared along the normal and across it, there.
+        # Where (2, 3), and mode shapes squared along the normal and across it, there.
         self._damped: dict[str, tuple[Floats, Floats, Floats]] = {}
+        # The force under which a body was damped last, and what that added.
+        self._added: dict[str, tuple[float, Floats]] = {}
 
     def force_n(self, times_s: Floats) -> Floats:
         """Return what roughness pushes (n,) along the way, newtons, at times (n,) evenly apart."""
@@ -84,7 +86,7 @@ class Rubbing:
         rotations
             (3, 3) of both bodies.
         """
-        pushes = self.force_n(times_s)
+        pushes = np.zeros(len(times_s)) if self.contact.rests else self.force_n(times_s)
         pushes[0] = 0.0  # the last of the block before
         if not pushes.any():
             self._driven.clear()
@@ -112,17 +114,24 @@ class Rubbing:
 
         To first order, as `Support`: half the sum of resistance times mode shape squared.
         """
-        side = self.contact.bodies.index(name)
-        at, record = self.contact.points_m[side], self._damped.get(name)
-        if record is None or np.abs(at - record[0]).max() > STEADY_M:
+        side, points_m = self.contact.bodies.index(name), self.contact.points_m
+        record = self._damped.get(name)
+        if record is None or (
+            points_m is not record[0] and np.abs(points_m[side] - record[0][side]).max() > STEADY_M
+        ):
             shapes = self.motion(name).shapes
             along_normal = along(self.contact.normals[side][None], shapes)[0] ** 2
-            record = self._damped[name] = at, along_normal, (shapes[0] ** 2).sum(axis=0) - along_normal
-        # Of Hertz's force k d^(3/2), by the approach d.
-        stiffness = 1.5 * self._hertz.stiffness ** (2 / 3) * self.contact.forces_n[-1] ** (1 / 3)
-        angular = np.sqrt(self._bodies[name].file.modes.eigenvalues)
-        normal, across = rest.resistance_n_s_m(angular, stiffness)
-        return (normal * record[1] + across * record[2]) / 2
+            across = (shapes[0] ** 2).sum(axis=0) - along_normal
+            record = self._damped[name] = points_m, along_normal, across
+            self._added.pop(name, None)
+        force_n, added = self.contact.forces_n[-1], self._added.get(name)
+        if added is None or added[0] != force_n:
+            # Of Hertz's force k d^(3/2), by the approach d.
+            stiffness = 1.5 * self._hertz.stiffness ** (2 / 3) * force_n ** (1 / 3)
+            angular = np.sqrt(self._bodies[name].file.modes.eigenvalues)
+            normal, across = rest.resistance_n_s_m(angular, stiffness)
+            added = self._added[name] = force_n, (normal * record[1] + across * record[2]) / 2
+        return added[1]
 
     def motion(self, name: str) -> Motion:
         """Return how a body's modes move at the contact."""

@@ -1,10 +1,14 @@
 """The page of a scene: objects struck, carried and squeezed by mouse and keys, with a browser and without."""
 
+import contextlib
+import http.client
 import itertools
+import json
 import re
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import av
 import numpy as np
@@ -14,6 +18,7 @@ from objectfolder import EXAMPLES
 from objectfolder.errors import QueryError
 from objectfolder.live import LiveSight
 from objectfolder.live.scene_view import View
+from objectfolder.live.sound import BLOCK_SAMPLES
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.lamps import Lamps
 from pipeline.cli import main
@@ -44,7 +49,9 @@ def files(scene):
 @pytest.fixture
 def world(scene, files):
     spec = mujoco.MjSpec.from_file(str(scene))
-    return PlayedWorld(OpenedScene(spec, spec.compile(), files))
+    made = PlayedWorld(OpenedScene(spec, spec.compile(), files))
+    yield made
+    made.close()
 
 
 @pytest.fixture
@@ -257,7 +264,7 @@ def test_every_block_is_heard_once_in_order(world):
 def test_the_image_at_rest_is_the_files_own(world):
     camera = camera_over(world._points)
     header, shown = world.seen({"camera_to_world": camera.tolist(), "resolution": 48, "sub_rays": None})
-    expected = world._sight.image(camera, 48, sub_rays=None)
+    expected = world.sight(world._poses).image(camera, 48, sub_rays=None)
     assert shown[: 3 * 48**2] == expected.rgb.tobytes()
     assert np.array_equal(np.frombuffer(shown[3 * 48**2 :], np.int8), expected.body.ravel())
     waiting = {"camera_to_world": camera.tolist(), "resolution": 48, "stamp": header["stamp"], "wait": True}
@@ -267,9 +274,38 @@ def test_the_image_at_rest_is_the_files_own(world):
 def test_an_image_that_moves_is_a_draft_and_says_how_long_it_took(world):
     query = {"camera_to_world": camera_over(world._points).tolist(), "resolution": 48}
     header, shown = world.seen({**query, "draft": True})
-    expected = world._sight.image(camera_over(world._points), 48, draft=True)
+    expected = world.sight(world._poses).image(camera_over(world._points), 48, draft=True)
     assert shown[: 3 * 48**2] == expected.rgb.tobytes()
     assert header["drawn_ms"] > 0
+
+
+def test_an_image_that_cannot_be_drawn_says_why(world):
+    query = {"camera_to_world": np.zeros((4, 4)).tolist(), "resolution": 16}
+    with pytest.raises(QueryError, match="rigid"):
+        world.seen(query)
+    query["camera_to_world"] = camera_over(world._points).tolist()
+    assert world.seen(query)[0]["resolution"] == 16, "the process goes on"
+    world._drawing.close()
+    with pytest.raises(QueryError, match="has ended"):
+        world.seen(query)
+
+
+def test_sound_comes_block_by_block_on_one_connection(world):
+    for _ in range(4):
+        world._advance()
+    with served_page(page_of_world(world)) as server:
+        port = urlsplit(server.address).port
+        with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as connection:
+            connection.request("POST", "/heard", '{"since": 1}', {"Content-Type": "application/json"})
+            answer, heard = connection.getresponse(), []
+            for _ in range(2):
+                part = answer.read(int.from_bytes(answer.read(4), "little"))
+                length = int.from_bytes(part[:4], "little")
+                header = json.loads(part[4 : 4 + length])
+                heard.append((header["first"], header["next"], len(part) - 4 - length))
+                world._advance()
+                world._advance()
+        assert heard == [(1, 4, 3 * 4 * BLOCK_SAMPLES), (4, 6, 2 * 4 * BLOCK_SAMPLES)]
 
 
 def test_the_camera_holds_all_objects_and_is_no_farther_than_that(world):

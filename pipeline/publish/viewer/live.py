@@ -7,6 +7,7 @@ Nothing is read from disk by a path that a request names.
 """
 
 import asyncio
+import contextlib
 import hmac
 import json
 import os
@@ -16,13 +17,14 @@ import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 from tornado.httpserver import HTTPServer
+from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
@@ -108,25 +110,53 @@ class Query(Guarded):
             self._answering.cancel()
 
     async def post(self) -> None:
-        """Answer JSON: the length of a JSON header in four bytes, the header, the bytes."""
-        if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
-            raise HTTPError(415, reason="the Content-Type must be application/json")
+        """Answer JSON with what `packed` makes of the answer."""
         try:
-            query = json.loads(self.request.body)
-            if not isinstance(query, dict):
-                raise ValueError("not a JSON object")
-            number = int(self.get_query_argument("object", "0"))
-            self._answering = self._threads.submit(self._answer, number, query)
-            header, payload = await asyncio.wrap_future(self._answering)
+            number, query = self._question()
+            answer = await self._answered(number, query)
         except asyncio.CancelledError:  # dropped
             return
         except (ObjectFolderError, ValueError, OSError, RecursionError) as error:
             self.set_status(400)
             self.finish({"error": str(error)})
             return
-        text = json.dumps(header, allow_nan=False).encode()
         self.set_header("Content-Type", "application/octet-stream")
-        self.finish(len(text).to_bytes(4, "little") + text + payload)
+        await self._send(number, query, answer)
+
+    async def _send(self, number: int, query: dict[str, Any], answer: Answer) -> None:
+        self.finish(packed(*answer))
+
+    def _question(self) -> tuple[int, dict[str, Any]]:
+        if self.request.headers.get("Content-Type", "").partition(";")[0] != "application/json":
+            raise HTTPError(415, reason="the Content-Type must be application/json")
+        query = json.loads(self.request.body)
+        if not isinstance(query, dict):
+            raise ValueError("not a JSON object")
+        return int(self.get_query_argument("object", "0")), query
+
+    async def _answered(self, number: int, query: dict[str, Any]) -> Answer:
+        self._answering = self._threads.submit(self._answer, number, query)
+        return await asyncio.wrap_future(self._answering)
+
+
+class Stream(Query):
+    """One question, answered again and again from where the last answer ended, until the page is gone."""
+
+    async def _send(self, number: int, query: dict[str, Any], answer: Answer) -> None:
+        """Send each answer as `packed` makes it, after its length in four bytes."""
+        with contextlib.suppress(asyncio.CancelledError, StreamClosedError):  # nobody listens any more
+            while True:
+                part = packed(*answer)
+                self.write(len(part).to_bytes(4, "little") + part)
+                await self.flush()
+                query["since"] = answer[0]["next"]
+                answer = await self._answered(number, query)
+
+
+def packed(header: Mapping[str, Any], payload: bytes) -> bytes:
+    """Return the length of a JSON header in four bytes, the header, and the bytes."""
+    text = json.dumps(header, allow_nan=False).encode()
+    return len(text).to_bytes(4, "little") + text + payload
 
 
 Asked = tuple[Callable[[int, Any], Answer], ThreadPoolExecutor]
@@ -146,6 +176,8 @@ class Page:
         What is done first, and where.
     beside
         Scripts of the folder that the others load into threads of their own.
+    streams
+        What answers one question without end: each header says what is asked for ``since`` in the next.
     """
 
     html: str
@@ -153,6 +185,7 @@ class Page:
     questions: Mapping[str, Asked]
     warm: Sequence[tuple[Callable[[], None], ThreadPoolExecutor]] = ()
     beside: Sequence[str] = ()
+    streams: Mapping[str, Asked] = field(default_factory=dict)
 
     def files(self) -> dict[str, tuple[str, bytes]]:
         """Return name and content of each file by its path."""
@@ -187,8 +220,9 @@ class Server:
         """Answer requests until something has happened."""
         page, files = self._page, self._page.files()
         rules: list[Any] = [(path, PageFile) for path in files]
-        for name, (answer, threads) in page.questions.items():
-            rules.append((f"/{name}", Query, {"answer": answer, "threads": threads}))
+        for handler, asked in ((Query, page.questions), (Stream, page.streams)):
+            for name, (answer, threads) in asked.items():
+                rules.append((f"/{name}", handler, {"answer": answer, "threads": threads}))
         application = Application(
             rules,
             default_handler_class=Guarded,
@@ -206,7 +240,7 @@ class Server:
         finally:
             server.stop()
             await server.close_all_connections()
-            for _, threads in page.questions.values():
+            for _, threads in (*page.questions.values(), *page.streams.values()):
                 threads.shutdown(wait=False, cancel_futures=True)
 
 

@@ -21,13 +21,13 @@ def page_of_world(world: PlayedWorld) -> Page:
     sounds, images, acts = ThreadPoolExecutor(2), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     questions = {
         "table": (world.table, acts),
-        "heard": (world.heard, sounds),
         "seen": (world.seen, images),
         "felt": (world.felt, acts),
         "act": (world.act, acts),
     }
     alone = {name: (partial(_of_one, answer), threads) for name, (answer, threads) in questions.items()}
-    return Page("play.html", SCRIPTS, alone, ((world.warm, images),), BESIDE)
+    streams = {"heard": (partial(_of_one, world.heard), sounds)}
+    return Page("play.html", SCRIPTS, alone, ((world.warm, images),), BESIDE, streams)
 
 
 def _of_one(answer: Callable[[Any], Answer], _: int, query: Any) -> Answer:

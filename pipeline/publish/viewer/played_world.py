@@ -1,7 +1,7 @@
 """A scene that runs in real time behind a page: what happens in it, what is heard, seen and felt of it.
 
-One thread owns the world, and the sound that it makes as it runs. Images are drawn in other threads, from the
-poses that were told last. None begins while the world is behind the clock: on one core it would delay the
+One thread owns the world, and the sound that it makes as it runs. Images are drawn in another process, from
+the poses that were told last. None begins while the world is behind the clock: on one core it would delay the
 sound further. While nobody asks, the world stands still.
 """
 
@@ -12,23 +12,25 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from objectfolder.errors import ObjectFolderError, QueryError
-from objectfolder.live import Felt, Finger, LiveSound, LiveTouch
+from objectfolder.live import Felt, Finger, LiveSight, LiveSound, LiveTouch
+from objectfolder.live.contacts import Posed
 from objectfolder.live.gripper import shown_finger
 from objectfolder.live.sound import BLOCK_SAMPLES, SAMPLE_RATE_HZ
 from pipeline.publish.scenes.handling import FELT_BY, FRICTION, GREATEST_FORCE_N, Found, Handling
 from pipeline.publish.scenes.opened_scene import OpenedScene, camera_over, framed
+from pipeline.publish.viewer.drawing_process import DrawingProcess, ThreadPoses
 from pipeline.publish.viewer.live_queries import Answer, number_of, numbers_of
 
 BLOCK_S = BLOCK_SAMPLES / SAMPLE_RATE_HZ
 KEPT_BLOCKS, LEAST_BLOCKS = 86, 2  # a second of sound; that an answer has
 FELT_EVERY = 2  # blocks
-LATE_S = 0.2  # that the world may lag; more is given up
+LATE_S = 0.5  # that the world may lag; more is given up: the page's player waits no longer
 WAIT_S, ALONE_S = 0.25, 3.0  # that a question waits for news; without one the world stands still
 # That poses may change while nothing is drawn again: some tenths of a pixel. Engines rock bodies at rest.
 STILL = np.array(3 * [[2e-3, 2e-3, 2e-3, 2e-4]] + [[1.0] * 4])
@@ -83,11 +85,17 @@ class PlayedWorld:
         self._on_time = threading.Event()
         self._on_time.set()
         self._begin()
-        self._sight = opened.sight(self._poses, dict.fromkeys(FELT_BY, shown_finger(sensor)))
+
+    @cached_property
+    def _drawing(self) -> DrawingProcess:
+        poses = ThreadPoses()
+        poses.known = self._poses.known
+        return DrawingProcess(self.sight(poses), poses)
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Run the world in a thread while the context lasts."""
+        """Run the world in a thread, and what draws it in a process, while the context lasts."""
+        _ = self._drawing  # a fork, before there are threads
         thread = threading.Thread(target=self._run, daemon=True)
         thread.start()
         try:
@@ -95,6 +103,16 @@ class PlayedWorld:
         finally:
             self._stopped.set()
             thread.join()
+            self.close()
+
+    def close(self) -> None:
+        """End the process that draws, if there is one."""
+        if "_drawing" in vars(self):
+            self._drawing.close()
+
+    def sight(self, poses: Posed) -> LiveSight:
+        """Return what is seen of its bodies and its hand where they are."""
+        return self._opened.sight(poses, dict.fromkeys(FELT_BY, shown_finger(self._world.sensor)))
 
     def table(self, _: Mapping[str, Any]) -> Answer:
         """Return what the page needs before the first question."""
@@ -138,11 +156,11 @@ class PlayedWorld:
             if stamp_before == self._poses.stamp:
                 return {"still": True, "stamp": stamp_before}, b""
         self._on_time.wait(WAIT_S)
-        stamp, begun_s = self._poses.stamp, time.monotonic()
-        image = self._sight.image(camera, resolution, sub_rays=rays, draft=bool(query.get("draft")))
-        drawn_ms = 1e3 * (time.monotonic() - begun_s)
+        stamp, draft = self._poses.stamp, bool(query.get("draft"))
+        how = {"camera_to_world": camera, "resolution": resolution, "sub_rays": rays, "draft": draft}
+        image, drawn_ms = self._drawing.image(self._poses.known, **how)
         header = {"stamp": stamp, "resolution": resolution, "fingers": self._apexes, "drawn_ms": drawn_ms}
-        return header, image.rgb.tobytes() + image.body.astype(np.int8).tobytes()
+        return header, image
 
     def felt(self, _: Mapping[str, Any]) -> Answer:
         """Return the images (height, width, 3) of both fingers, and the forces that they bear, newtons."""
@@ -164,7 +182,8 @@ class PlayedWorld:
 
     def warm(self) -> None:
         """Prepare what drafts need, and set the exposure."""
-        self._sight.image(camera_over(self._points), 64, draft=True)
+        camera = camera_over(self._points)
+        self._drawing.image(self._poses.known, camera_to_world=camera, resolution=64, draft=True)
 
     def _begin(self) -> None:
         """Start over, everything in its place."""

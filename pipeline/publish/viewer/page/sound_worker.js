@@ -1,13 +1,11 @@
-// Asks for sound and hands it to the player, beside the thread of the page, which images keep busy.
+// Takes sound as it comes and hands it to the player, beside the thread of the page, which images keep busy.
 "use strict";
 importScripts("asking.js");
 let player = null;
 let running = false;
 
 async function listen() {
-  for (let since = 0; ; ) {
-    const { header, payload } = await self.objectfolderViewer.ask("heard", { since });
-    since = header.next;
+  for await (const { header, payload } of self.objectfolderViewer.answers("heard", { since: 0 })) {
     const pascals = new Float32Array(payload);
     const peak = pascals.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
     if (peak || header.said) self.postMessage({ peak, said: header.said });
