@@ -3,6 +3,9 @@
 import json
 import multiprocessing
 import os
+import re
+import shlex
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -51,6 +54,23 @@ def records(table: Path) -> dict:
 
 def request_of(mesh: Path, **more: object) -> AddRequest:
     return AddRequest(mesh=mesh, material="ceramic", licence="CC0-1.0", materials=MATERIALS, **more)
+
+
+@pytest.mark.release("docs", "pipeline.intake", "pipeline.cli")
+def test_the_pages_of_ones_own_objects_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cup(tmp_path / "mug.glb")
+    (tmp_path / "data").mkdir()
+    shutil.copy(MATERIALS, tmp_path / "data")
+    pages = [(REPOSITORY / "docs" / page).read_text(encoding="utf-8") for page in ("objects.md", "make.md")]
+    for page in pages:
+        (line,) = re.findall(r"^objectfolder (add .*)", page, re.MULTILINE)
+        shutil.rmtree(tmp_path / "data" / "my_objects", ignore_errors=True)
+        (tmp_path / "data" / "my_objects.csv").unlink(missing_ok=True)
+        assert main(shlex.split(line)) == 0, line
+    (check,) = re.findall(r"^objectfolder (check .*)", pages[0], re.MULTILINE)
+    shutil.copy("data/my_objects.csv", "data/objects.csv")
+    assert main(shlex.split(check)) == 0
 
 
 def test_an_axis_that_is_up_stands_in_the_row(tmp_path, capsys):

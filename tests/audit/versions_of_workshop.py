@@ -120,6 +120,15 @@ class VersionedWorkshop(Workshop):
         }
         (self.root / "dvc.lock").write_text(yaml.safe_dump({"schema": "2.0", "stages": stages}))
 
+    def declare(self) -> None:
+        """Let DVC know the stages of ``dvc.lock``."""
+        locked = yaml.safe_load((self.root / "dvc.lock").read_text())["stages"]
+        stages = {
+            name: {"cmd": stage["cmd"], "outs": [out["path"] for out in stage["outs"]]}
+            for name, stage in locked.items()
+        }
+        (self.root / "dvc.yaml").write_text(yaml.safe_dump({"stages": stages}))
+
     def _kept(self, folder: str) -> dict[str, object]:
         files = sorted(path for path in (self.root / folder).iterdir() if not path.name.startswith("."))
         entries = [{"md5": self.keep(path.read_bytes()), "relpath": path.name} for path in files]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -127,5 +128,9 @@ def test_the_command_prints_a_plan(
     assert [one["computed"] for one in made.values()] == [1] * len(STAGES)
     assert main(["plan", "--count", "12", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["objects"] == 12
+    page = (REPOSITORY / "docs" / "make.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^objectfolder (plan [^#\n]*)", page, re.MULTILINE)
+    assert main(line.split()) == 0
+    assert "1000 objects" in capsys.readouterr().out
     assert main(["plan", "--count", "-1"]) == 2
     assert "1" in capsys.readouterr().err

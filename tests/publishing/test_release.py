@@ -46,12 +46,7 @@ def run(workshop, monkeypatch, capsys):
 
 def declared(workshop):
     """Let DVC know the stages of ``dvc.lock``, and a store."""
-    lock = yaml.safe_load((workshop.root / "dvc.lock").read_text())
-    own = {
-        name: {"cmd": stage["cmd"], "outs": [out["path"] for out in stage["outs"]]}
-        for name, stage in lock["stages"].items()
-    }
-    (workshop.root / "dvc.yaml").write_text(yaml.safe_dump({"stages": own}))
+    workshop.declare()
     store = workshop.root.parent / "store"
     (workshop.root / ".dvc/config").write_text(
         f"[core]\n    analytics = false\n    remote = store\n['remote \"store\"']\n    url = {store}\n"

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -76,6 +77,23 @@ def test_ids_come_to_data_fetched_with_rows_to_add(fetch, sources):
     catalogue = read_catalogue(Path("data/objects.csv"), ["steel"])
     assert catalogue.errors == {}
     assert [record.id for record in catalogue.records] == [YCB, "Caf__Bar_16_oz_cup", POLY_HAVEN]
+
+
+@pytest.mark.release("docs", "pipeline.intake", "pipeline.cli")
+def test_the_page_of_collections_runs(fetch):
+    """Of other objects: `served_sources` has three."""
+    Path("data/objects.csv").write_text(TABLE, encoding="utf-8")
+    page = (REPOSITORY / "docs" / "sources.md").read_text(encoding="utf-8")
+    queries = re.findall(r"^objectfolder fetch ([^#\n]*)", page, re.MULTILINE)
+    served = {source_id.partition(":")[0]: source_id for source_id in IDS}
+    rows = {"025_mug": "bar", "024_bowl": "cup"}
+    assert len(queries) >= 4
+    for query in queries:
+        words = [
+            served[word.partition(":")[0]] if ":" in word else rows.get(word, word) for word in query.split()
+        ]
+        status, _, errors = fetch(*words)
+        assert status == 0, (query, errors)
 
 
 def test_a_table_is_fetched_where_it_expects_its_files(fetch, sources):
