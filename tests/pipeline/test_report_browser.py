@@ -241,6 +241,25 @@ def test_search_and_filters_narrow_the_table(reports: Path, open_page: Callable[
     assert page.is_hidden("#after")
 
 
+def test_the_address_has_what_is_shown(reports: Path, open_page: Callable[..., Any]) -> None:
+    page = open_page(reports / "index.html").page
+    assert "#" not in page.url
+    page.click("#view")
+    page.fill("#search", "object")
+    page.select_option("#order", label="Object ↓")
+    page.click("#after")
+    shown = names(page)
+    other = open_page(page.url).page
+    assert names(other) == shown
+    assert other.get_attribute("#table th:nth-child(1)", "aria-sort") == "descending"
+    other.evaluate("location.hash = 'search=object+17&material=none&order=x&from=-3'")
+    until(other, "document.querySelectorAll('#table tbody tr').length === 1")
+    assert [name.split("\n")[0] for name in names(other)] == ["Object 17"]
+    other.click("button[type=reset]")
+    until(other, "!location.href.includes('search')")
+    assert other.input_value("#material") == ""
+
+
 def test_the_page_is_as_dark_as_the_system(reports: Path, open_page: Callable[..., Any]) -> None:
     background = "getComputedStyle(document.body).backgroundColor"
     schemes = ("light", "dark")

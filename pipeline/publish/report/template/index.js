@@ -49,6 +49,31 @@
     before.disabled = first === 0;
     after.disabled = last === chosen.length;
     before.parentElement.hidden = chosen.length <= ROWS_SHOWN;
+    keep();
+  };
+
+  // What is chosen is in the address: a link shows the same rows.
+  const keep = () => {
+    const state = new URLSearchParams();
+    for (const control of [search, material, source, status]) if (control.value) state.set(control.id, control.value);
+    if (sets.value !== usual) state.set("order", sets.value);
+    if (first) state.set("from", first + 1);
+    if (!table.classList.contains("tiled")) state.set("view", "table");
+    history.replaceState(null, "", state.size ? `#${state}` : location.pathname + location.search);
+  };
+
+  const recall = () => {
+    const state = new URLSearchParams(location.hash.slice(1));
+    search.value = state.get("search") ?? "";
+    for (const select of [material, source, status, sets]) {
+      const known = [...select.options].some(({ value }) => value === state.get(select.id));
+      select.value = known ? state.get(select.id) : select === sets ? usual : "";
+    }
+    const tiled = table.classList.toggle("tiled", state.get("view") !== "table");
+    view.setAttribute("aria-pressed", String(!tiled));
+    reorder();
+    first = ROWS_SHOWN * Math.floor(Math.max(0, state.get("from") - 1 || 0) / ROWS_SHOWN);
+    show();
   };
 
   const compared = (column, direction) => {
@@ -89,15 +114,18 @@
       header.sort(header.getAttribute("aria-sort") === "ascending" ? "descending" : "ascending"),
     );
   });
-  sets.addEventListener("change", () => {
+  const usual = sets.value;
+  const reorder = () => {
     const [place, direction] = sets.value.split(" ");
     headers[place].sort(direction);
-  });
+  };
+  sets.addEventListener("change", reorder);
 
   const view = document.getElementById("view");
   view.hidden = false;
   view.addEventListener("click", () => {
     view.setAttribute("aria-pressed", String(!table.classList.toggle("tiled")));
+    keep();
   });
   const player = new Audio();
   for (const { element } of rows) {
@@ -125,5 +153,7 @@
   };
   before.addEventListener("click", turn(-ROWS_SHOWN));
   after.addEventListener("click", turn(ROWS_SHOWN));
-  show();
+  // Not of a link into the page.
+  addEventListener("hashchange", () => location.hash.includes("=") && recall());
+  recall();
 })();
