@@ -17,6 +17,8 @@ FOREGROUND_ALPHA = 0.5
 THIN_FOREGROUND_ALPHA = FOREGROUND_ALPHA * float(slab(np.ones(1), np.ones((1, 3)), index_of(0.5))[0][0, 0])
 # Linear radiance of a channel from which on a pixel is lit: much of many views is dark, which is easy.
 LIT_RADIANCE = 0.01
+# A view of fewer lit pixels says nothing: of some pixels on an edge, which are all that a few views have lit.
+LEAST_LIT_PIXELS = 10
 
 SIGHT_DEFINITIONS = {
     "vision.psnr_db": "PSNR of 8-bit sRGB on white, held-out cameras and lights, mean of views",
@@ -24,7 +26,8 @@ SIGHT_DEFINITIONS = {
     "vision.psnr_on_black_db": "Of thin glass: PSNR of the foreground of 8-bit sRGB on black, mean of views",
     "vision.psnr_alpha_db": "Of thin glass: PSNR of the foreground's alpha, mean of views",
     "vision.psnr_foreground_worst_db": "The least of these views",
-    "vision.psnr_lit_db": "The same over the lit of these pixels: a channel above 0.01, linear",
+    "vision.psnr_lit_db": "The same over the lit of these pixels (a channel above 0.01, linear), of views "
+    f"with at least {LEAST_LIT_PIXELS} of them",
     "vision.ssim": "Structural similarity (Wang et al. 2004), Gaussian window of sigma 1.5, mean of views",
     "vision.albedo_psnr_db": "PSNR of 8-bit sRGB base colour at the centres of held-out pixels",
     "vision.roughness_psnr_db": "The same of roughness, linear, where it varies; metallic likewise",
@@ -53,10 +56,12 @@ def lit_pixels(views: Product) -> np.ndarray:
     )
 
 
-def measure_within(truth: np.ndarray, within: np.ndarray, answer: np.ndarray) -> list[float]:
-    """Return the PSNR of (n, h, w, 3) uint8 images in masks (n, h, w), dB, of each view that has some."""
+def measure_within(
+    truth: np.ndarray, within: np.ndarray, answer: np.ndarray, least_pixels: int = 1
+) -> list[float]:
+    """Return the PSNR of (n, h, w, 3) uint8 images in masks (n, h, w), dB, of views of enough pixels."""
     pairs = zip(truth, answer, within, strict=True)
-    return [psnr_db(t, a, mask) for t, a, mask in pairs if mask.any()]
+    return [psnr_db(t, a, mask) for t, a, mask in pairs if np.count_nonzero(mask) >= least_pixels]
 
 
 def held_out_answer(file: ObjectFile, views: Product, sub_rays: int | None = None) -> np.ndarray:

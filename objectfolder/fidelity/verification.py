@@ -142,13 +142,14 @@ def _sight(
         with _timed(seconds, _key("vision", "sub_rays", sub_rays), len(truth)):
             answers[sub_rays] = sight.held_out_answer(file, views, sub_rays)
     answer = answers[file.vision.sub_rays]
-    trivial = sight.measure_sight(truth, foreground, sight.trivial_answer(views))
+    filled = sight.trivial_answer(views)
+    trivial = sight.measure_sight(truth, foreground, filled)
     measured = sight.measure_sight(truth, foreground, answer)
     lit = sight.lit_pixels(views)
-    of_lit = sight.measure_within(truth, lit, answer)
+    of_lit = sight.measure_within(truth, lit, answer, sight.LEAST_LIT_PIXELS)
     measured["psnr_foreground_worst_db"] = min(sight.measure_within(truth, foreground, answer), default=None)
     if of_lit:
-        of_trivial = sight.measure_within(truth, lit, sight.trivial_answer(views))
+        of_trivial = sight.measure_within(truth, lit, filled, sight.LEAST_LIT_PIXELS)
         measured |= {
             "psnr_lit_db": float(np.mean(of_lit)),
             "psnr_lit_worst_db": min(of_lit),
@@ -157,7 +158,7 @@ def _sight(
     parts = file.bytes_by_part()
     rows = []
     for sub_rays, images in answers.items():
-        psnr = sight.measure_sight(truth, foreground, images)["psnr_db"]
+        psnr = float(np.mean(sight.measure_within(truth, np.ones_like(foreground), images)))
         rows.append(_row("vision", "sub_rays", sub_rays, psnr, "PSNR dB", parts["vision"] + parts["surface"]))
     shown = _spread(np.argsort([row["psnr_db"] for row in measured["per_view"]], kind="stable"))
     summary = {

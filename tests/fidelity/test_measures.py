@@ -51,6 +51,8 @@ def test_lit_pixels_are_covered_and_bright_by_their_own_colour() -> None:
     image = np.zeros((2, 1, 4, 3), dtype=np.uint8)
     other = image + np.array([51, 0, 0, 51], dtype=np.uint8)[:, None]
     assert measure_within(image, lit, other) == [pytest.approx(20 * np.log10(5))], "no view without any"
+    assert len(measure_within(image, lit, other, 2)) == 1
+    assert measure_within(image, lit, other, 3) == [], "no view of fewer lit pixels than the least"
 
 
 @given(st.integers(0, 1000), st.integers(0, 1000))
