@@ -23,7 +23,7 @@ from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lattice_values import LatticeLookup
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.lobes import Cast
-from objectfolder.vision.compiled.radiosity import BOUNCES, Radiosity
+from objectfolder.vision.compiled.radiosity import BOUNCES, COARSE_BOUNCES, Radiosity
 from objectfolder.vision.compiled.renderer import CompiledRenderer
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.face_lattice import HALF_SIDE, FaceLattice, facing
@@ -64,6 +64,17 @@ def test_light_in_a_hollow_ball_comes_back_as_the_geometric_series_says():
     series = sum(Even.albedo**bounce for bounce in range(1, BOUNCES + 1)) / 0.5**2
     np.testing.assert_allclose(found.mean(), series, rtol=0.03)
     assert found.std() < 0.1 * series
+
+
+def test_coarse_light_in_a_hollow_ball_comes_back_one_bounce_less():
+    surface, unit, lit = hollow_ball()
+    samples = surface.sample(200, seed=1)
+    lamp = np.zeros((1, 3)), np.ones((1, 3))
+    found = Radiosity(lit, unit, Even(None, MATT)).irradiance(
+        lamp, samples.face, samples.barycentric, coarse=True
+    )
+    series = sum(Even.albedo**bounce for bounce in range(1, COARSE_BOUNCES + 1)) / 0.5**2
+    np.testing.assert_allclose(found.mean(), series, rtol=0.05)
 
 
 def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():

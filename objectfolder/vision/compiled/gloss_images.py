@@ -27,10 +27,12 @@ def shade_gloss(
 ) -> np.ndarray:
     """Return the colour (p, 3) of the surface that pixels show in their gloss, as `chosen`.
 
-    Few rays tell in which pixels there is any; more are sent there and beside.
+    Few rays tell in which pixels there is any. `Effort.gloss` says whether more are sent there and beside.
     """
     network, count = shading.network, len(view.rows)
     assert isinstance(network, KnownLight)
+    if effort.gloss == 0 and network.wide:
+        return np.zeros((count, 3))
 
     def gloss_of(pixels: np.ndarray, points: int, samples: tuple[int, int]) -> tuple[Chosen, Gloss]:
         row, part_of = chosen.thinned(points, pixels)
@@ -44,14 +46,15 @@ def shade_gloss(
 
     few, gloss = gloss_of(np.ones(count, dtype=bool), GLOSS_PROBES, (1, 1))
     shown = network.shown(*gloss, 1)
+    smooth, width = make_smoother(view, probes), SMOOTH_LOBE * float(network.alpha2)
+    if effort.gloss < 2:
+        sent = shown.sent(network.radiance_of(shown, lights, 1, coarse=effort.coarse))
+        return smooth(width, summed(few, sent), summed(few, shown.everything))
     shows = np.zeros(count, dtype=bool)
     shows[few.pixel[shown.row]] = True
     shows = beside(view.edges, beside(view.edges, shows))
-    even, uneven = network.samples
-    # Of a coarse image half of the directions: .3 dB at most, and an eighth of its time.
-    samples = (even, uneven) if effort.shaded > 1 else (even // 2, uneven // 2)
-    many, gloss = gloss_of(shows, GLOSS_POINTS, samples)
-    turns = samples[0] if len(lights[0]) >= LIGHTS_IN_TURN else 1
+    many, gloss = gloss_of(shows, GLOSS_POINTS, network.samples)
+    turns = network.samples[0] if len(lights[0]) >= LIGHTS_IN_TURN else 1
     above, below = (summed(many, part) for part in network.in_gloss(*gloss, lights, turns))
     below[~shows] = summed(few, shown.everything)[~shows]
-    return make_smoother(view, probes)(SMOOTH_LOBE * float(network.alpha2), above, below)
+    return smooth(width, above, below)

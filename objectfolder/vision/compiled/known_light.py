@@ -24,6 +24,8 @@ INFINITE_DISTANCE = 1e4
 GLOSS_SAMPLES, METAL_SAMPLES = (2, 4), (4, 16)
 # Times that gloss shows gloss, and what parts the directions of these.
 GLOSS_BOUNCES, OFFSET = 2, 977
+# Roughness of a dielectric from which on a coarse image shows no surface in it: .6 dB of 44 in the mean.
+WIDE_LOBE = 0.2
 # Points, their appearance, where they are in an image, and directions (n,) of each.
 Gloss = tuple[Points, Appearance, Cast, np.ndarray]
 
@@ -78,6 +80,8 @@ class KnownLight:
         Squared GGX width where no map gives another.
     samples
         Directions of a point's gloss in which the surface is looked for, and where something ends.
+    wide
+        Whether all of it is a dielectric of wide lobes.
 
     Raises
     ------
@@ -95,6 +99,7 @@ class KnownLight:
         self._principled = Principled(appearance.specular, constant)
         metal = material.mapped("metallic") or appearance.metallic > 0
         self.samples = METAL_SAMPLES if metal else GLOSS_SAMPLES
+        self.wide = not (metal or material.mapped("roughness") or appearance.roughness < WIDE_LOBE)
         matt = material.mapped("metallic") or appearance.metallic < 1
         self._matt = (lit, surface, material) if matt else None
 
@@ -111,18 +116,14 @@ class KnownLight:
         )
         return self._principled.terms(points, base, roughness, metallic), base.astype(np.float32)
 
-    def bounced_by(
-        self, points: Points, appearance: Appearance, irradiance: np.ndarray, light: np.ndarray
+    def bounced(
+        self, points: Points, appearance: Appearance, lights: Lights, *, coarse: bool = False
     ) -> np.ndarray:
-        """Return what `CompiledNetwork.bounced_by` does."""
-        return self.bounced(points, appearance, (light[None], np.ones((1, 3))))
-
-    def bounced(self, points: Points, appearance: Appearance, lights: Lights) -> np.ndarray:
-        """Return what `bounced_by` does of several lights."""
+        """Return what `CompiledNetwork.bounced_by` does, of several lights; `coarse`: see `Effort`."""
         terms, albedo = appearance
         if self._radiosity is None:
             return np.zeros_like(albedo)
-        arriving = self._radiosity.irradiance(lights, points.face, points.barycentric)
+        arriving = self._radiosity.irradiance(lights, points.face, points.barycentric, coarse=coarse)
         return np.asarray(albedo * terms[:, 2:3] * arriving, dtype=np.float32)
 
     def bounced_round(self, points: Points, terms: np.ndarray, around: Environment) -> np.ndarray:
@@ -200,11 +201,11 @@ class KnownLight:
         so many directions asks its own lights.
         """
         shown = self.shown(points, appearance, cast, samples)
-        return shown.sent(self._radiance(shown, lights, turns)), shown.everything
+        return shown.sent(self.radiance_of(shown, lights, turns)), shown.everything
 
-    def _radiance(self, shown: Shown, lights: Lights, turns: int) -> np.ndarray:
-        """Return the radiance (m, 3) of what is shown."""
-        radiance = self.bounced(shown.points, shown.appearance, lights).astype(np.float64)
+    def radiance_of(self, shown: Shown, lights: Lights, turns: int, *, coarse: bool = False) -> np.ndarray:
+        """Return the radiance (m, 3) of what is shown; arguments as of `in_gloss` and `bounced`."""
+        radiance = self.bounced(shown.points, shown.appearance, lights, coarse=coarse).astype(np.float64)
         terms, albedo = shown.appearance
         for turn in range(turns):
             row = np.flatnonzero(shown.turn % turns == turn)
@@ -214,7 +215,8 @@ class KnownLight:
                 irradiance[hidden] = 0.0
                 radiance[row] += turns * colour * self.directly(points, appearance, irradiance, light)
         if shown.deeper is not None:
-            radiance += shown.deeper.sent(self._radiance(shown.deeper, lights, turns))
+            deeper = self.radiance_of(shown.deeper, lights, turns, coarse=coarse)
+            radiance += shown.deeper.sent(deeper)
         return radiance
 
     def reflected(

@@ -17,43 +17,44 @@ CURVED, MORE = 0.03, 4
 # The same, and the difference to a neighbour in sRGB, from which on `Effort.shaded_uneven` points meet a
 # highlight by chance.
 TURNED, SHARP = 0.7, 0.2
-# Times more points of known material where a smooth piece of surface ends, at first and where light or colour
-# changes in it; each point asks for its own shadow.
-UNEVEN, UNEVEN_AGAIN = 3, 6
 
 
 def shade_lit(
     shading: Shading, view: View, probes: Chosen, chosen: Chosen, visible: VisiblePoints, light: np.ndarray,
-    effort: Effort, curved: np.ndarray,
+    effort: Effort, curved: np.ndarray | None,
 ) -> np.ndarray:  # fmt: skip
     """Return the colour (p, 3) of the pixels under one light of colour 1.
 
     `chosen` and what is `visible` there serve each light, but for pixels in which its shadow ends, and
-    in which colour changes fast: the more so in those that are `curved` (p,).
+    in which colour changes fast: the more so in those that are `curved` (p,), if `Effort` asks for it.
     """
     labels, state, split = _find_shadows(shading, view, probes, light, effort.shadow_rays)
     coarse, finest = np.full(len(split), effort.shaded), np.full(len(split), effort.shaded_uneven)
-    several = isinstance(shading.network, KnownLight) and effort.shaded > 1
+    several = isinstance(shading.network, KnownLight) and effort.shaded_ends > 0
     if several:
         uneven = view.samples[1]
         labels[1], state[uneven.pixels], split[uneven.pixels] = uneven.label, 0, False
-        coarse[uneven.pixels] = UNEVEN_AGAIN * effort.shaded
+        coarse[uneven.pixels] = 2 * effort.shaded_ends
         finest = np.maximum(finest, coarse)
 
     def again(pixels: np.ndarray, most: np.ndarray) -> None:
         more = shading.chosen(view, labels, np.where(pixels, most, 0))
-        colour[pixels] = _shade(shading, more, shading.visible(more.points), state, light)[0][pixels]
+        visible = shading.visible(more.points)
+        colour[pixels] = _shade(shading, more, visible, state, light, effort.coarse)[0][pixels]
 
-    colour, answer = _shade(shading, chosen, visible, state, light)
+    colour, answer = _shade(shading, chosen, visible, state, light, effort.coarse)
     if several:
         ends = mixed(view.edges, len(split), chosen.pixel, answer)
         split[uneven.pixels] = ends[uneven.pixels]
-    again(split, coarse)
+    if not effort.coarse:
+        again(split, coarse)
     if effort.shaded_uneven > effort.shaded:
         shade = srgb_encode((SHOWN * colour / view.coverage[:, None]).astype(np.float32))
-        sharp = curved & contrasting(view.edges, shade, SHARP)
-        finest[sharp] = np.maximum(finest[sharp], effort.shaded_curved)
-        again(contrasting(view.edges, shade, effort.contrast), finest)
+        if curved is not None:
+            sharp = curved & contrasting(view.edges, shade, SHARP)
+            finest[sharp] = np.maximum(finest[sharp], effort.shaded_curved)
+        contrast = contrasting(view.edges, shade, effort.contrast)
+        again(contrast | split if effort.coarse else contrast, finest)
     return colour
 
 
@@ -101,14 +102,15 @@ def _find_shadows(
 
 
 def _shade(
-    shading: Shading, chosen: Chosen, visible: VisiblePoints, state: np.ndarray, light: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    shading: Shading, chosen: Chosen, visible: VisiblePoints, state: np.ndarray, light: np.ndarray,
+    coarse: bool,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return the colour (p, 3) of the pixels from points that were chosen, and these points' states."""
     state_of = state[chosen.pixel, chosen.group]
     irradiance, hidden = shading.surface.light_from(chosen.points, light, state_of == 0)
     answer = np.where(irradiance > 0, np.where(hidden | (state_of == 2), 2, 1), 0)
     irradiance[answer == 2] = 0.0
-    colour = shading.colour(visible, irradiance, light)
+    colour = shading.colour(visible, irradiance, light, coarse=coarse)
     return sum_by_pixel(chosen.pixel, chosen.weight, colour, len(state)), answer
 
 
@@ -156,6 +158,8 @@ def shade_in_turn(
                 colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
     if isinstance(shading.network, KnownLight):
         alone = visible.of(first)
-        bounced = shading.network.bounced(alone.points, alone.appearance, join_lights(lights))
+        bounced = shading.network.bounced(
+            alone.points, alone.appearance, join_lights(lights), coarse=effort.coarse
+        )
         colour += sum_by_pixel(chosen.pixel[first], share, bounced, count)
     return colour

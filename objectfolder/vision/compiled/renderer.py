@@ -9,7 +9,7 @@ from objectfolder.vision.compiled.drafts import Draft
 from objectfolder.vision.compiled.effort import Effort
 from objectfolder.vision.compiled.gloss_images import shade_gloss
 from objectfolder.vision.compiled.known_light import KnownLight
-from objectfolder.vision.compiled.lamp_images import UNEVEN, mark_curved, shade_in_turn, shade_lit
+from objectfolder.vision.compiled.lamp_images import mark_curved, shade_in_turn, shade_lit
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.network import CompiledNetwork
@@ -119,21 +119,22 @@ class CompiledRenderer:
         QueryError
             Fewer than one sub-ray, a field of view outside (0, 180) degrees.
         """
-        effort = Effort.of(sub_rays)
         is_known = isinstance(self._network, KnownLight)
+        lights = list(_lights(light_position, light_colour))
+        effort = Effort.of(sub_rays, one_lamp=is_known and len(lights) == 1)
         reach = SMOOTH_PX + 1 if is_known else 0
         view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, reach)
         colour = np.zeros((len(view.rows), 3))
-        lights = list(_lights(light_position, light_colour))
         if len(colour) and lights:
             many = len(lights) >= LIGHTS_IN_TURN
             labels = labels_of(view)
             if is_known or not many:
                 probes = self._shading.chosen(view, labels, np.ones(len(colour), dtype=np.int64))
                 chosen = probes
-                if effort.shaded > 1:
+                if max(effort.shaded, effort.shaded_ends * is_known) > 1:
                     shaded = np.full(len(colour), effort.shaded)
-                    shaded[view.samples[1].pixels] *= UNEVEN if is_known else 1
+                    if is_known and effort.shaded_ends:
+                        shaded[view.samples[1].pixels] = effort.shaded_ends
                     chosen = self._shading.chosen(view, labels, shaded)
                 visible = self._shading.visible(chosen.points)
             if is_known:
@@ -143,7 +144,8 @@ class CompiledRenderer:
             if many:
                 colour += shade_in_turn(self._shading, view, lights, effort)
             else:
-                curved = mark_curved(self._shading, chosen, len(colour))
+                turns = effort.shaded_curved > effort.shaded_uneven
+                curved = mark_curved(self._shading, chosen, len(colour)) if turns else None
                 for light, factor in lights:
                     colour += factor * shade_lit(
                         self._shading, view, probes, chosen, visible, light, effort, curved

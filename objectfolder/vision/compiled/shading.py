@@ -127,9 +127,15 @@ class Shading:
         irradiance[hidden] = 0.0
         return irradiance
 
-    def colour(self, visible: VisiblePoints, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """Return the colour (n, 3) of visible points, of irradiance (n,) by a light."""
-        colour = self.network.bounced_by(visible.points, visible.appearance, irradiance, light)
+    def colour(
+        self, visible: VisiblePoints, irradiance: np.ndarray, light: np.ndarray, *, coarse: bool = False
+    ) -> np.ndarray:
+        """Return the colour (n, 3) of visible points, of irradiance (n,) by a light; `coarse`: `Effort`."""
+        points, appearance = visible.points, visible.appearance
+        if isinstance(self.network, KnownLight):
+            colour = self.network.bounced(points, appearance, (light[None], np.ones((1, 3))), coarse=coarse)
+        else:
+            colour = self.network.bounced_by(points, appearance, irradiance, light)
         return colour + self.directly(visible, irradiance, light)
 
     def directly(self, visible: VisiblePoints, irradiance: np.ndarray, light: np.ndarray) -> np.ndarray:

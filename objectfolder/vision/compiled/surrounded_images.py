@@ -8,7 +8,6 @@ from objectfolder.vision.compiled.borders import contrasting, sum_by_pixel
 from objectfolder.vision.compiled.effort import Effort
 from objectfolder.vision.compiled.grouping import GROUPS
 from objectfolder.vision.compiled.known_light import KnownLight
-from objectfolder.vision.compiled.lamp_images import UNEVEN
 from objectfolder.vision.compiled.shading import SHOWN, Chosen, Shading, cast_of, labels_of
 from objectfolder.vision.compiled.smoothing import SMOOTH_LOBE, make_smoother, smooth_gathered
 from objectfolder.vision.compiled.surroundings import Surroundings
@@ -51,10 +50,10 @@ def shade_surrounded(shading: Shading, view: View, around: Surroundings, effort:
         return np.stack([summed(chosen, part) for part in (matt + mirrored[of], *gloss)])
 
     most, finest = np.full(len(view.rows), effort.shaded), np.full(len(view.rows), effort.shaded_uneven)
-    if is_known and effort.shaded > 1:
+    if is_known and effort.shaded_ends:
         # Where a piece ends nothing is averaged over pixels.
         ends = view.samples[1].pixels
-        most[ends], finest[ends] = UNEVEN * effort.shaded, ENDS * effort.shaded_uneven
+        most[ends], finest[ends] = effort.shaded_ends, ENDS * effort.shaded_uneven
     chosen = shading.chosen(view, labels, np.full(len(view.rows), effort.shaded))
     outline = around.outlined(chosen.points, gathered.of(probe[chosen.pixel, chosen.group]))
     matt, even = (summed(chosen, part) for part in outline)

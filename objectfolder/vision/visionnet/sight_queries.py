@@ -195,8 +195,9 @@ class SightQueries:
         0.3
         """
         chosen = pass_names(passes, ("image", "linear", *(name for name in PASSES if name != "rgba")))
-        cameras = view_query(camera_to_object, np.zeros(3)).cameras
+        cameras = camera_to_object
         if lights is None:
+            cameras = view_query(camera_to_object, np.zeros(3)).cameras
             lights = self.frame.to_object(lamps_at_cameras(cameras))
         around = Environment.of(lights) if isinstance(lights, str | Environment) else None
         lamps = lights if isinstance(lights, Lamps) else Lamps(np.zeros(3) if around else cast("Any", lights))
