@@ -35,9 +35,9 @@ CPU_FEATURES = (
 )
 
 # CPU seconds on a processor of 2020. A busy machine takes longer.
-ONCE = "15 to 25 s for sight and for touch, 6 s for sound, once for this installation"
+ONCE = "8 to 15 s for sight and for touch, 6 s for sound, once for this installation"
 EACH_TIME = (
-    "15 to 25 s for sight and for touch, 6 s for sound, in every process: neither the folder of this "
+    "8 to 15 s for sight and for touch, 6 s for sound, in every process: neither the folder of this "
     "package nor the user's cache folder can be written. Set NUMBA_CACHE_DIR to a folder that can be."
 )
 _logger = logging.getLogger(__name__)

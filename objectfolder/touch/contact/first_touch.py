@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from objectfolder.jit import inner, kernel
+from objectfolder.jit import arrayless, inner, kernel
 
 # Faces turned away from the touched point's normal by more than 135 degrees are another side of a thin
 # part; those within 90 degrees count fully, smoothly less between, so that no small change switches one off.
@@ -19,13 +19,13 @@ POLE_RAD = 1e-3
 Frame = list[list[float]]
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _angle(px, py, pz, qx, qy, qz, normal):
     x, y, z = py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx
     return math.atan2(x * normal[0] + y * normal[1] + z * normal[2], px * qx + py * qy + pz * qz)
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _disc_overlap(triangle, height, normal, point, squared_radius):
     """Area that a triangle shares with the disc, in its plane, of the ball round a point."""
     area = 0.0
@@ -55,7 +55,7 @@ def _disc_overlap(triangle, height, normal, point, squared_radius):
     return max(area, 0.0)
 
 
-@kernel
+@arrayless(kernel)
 def contact_normals(points, shading_normals, starts, faces, triangles, face_normals, radius, normals):
     """Write unit mean normals (n, 3) of a surface in the balls of `radius` metres round points (n, 3) on it.
 

@@ -7,14 +7,14 @@ import math
 
 import numpy as np
 
-from objectfolder.jit import inner, kernel
+from objectfolder.jit import arrayless, inner, kernel
 
 # A face seen along the sensor's axis with less than this share of its area is on edge: where it lies above a
 # border is then rounding, and its edges, which are looked at by themselves, are all there is of it.
 ON_EDGE = 1e-9
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _cut(low, high, value, slope):
     """Shrink an interval to where value + t slope >= 0."""
     if slope > 0:
@@ -24,12 +24,12 @@ def _cut(low, high, value, slope):
     return low, -1.0 if value < 0 else high
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _sag(gel, y, z):
     return gel[6] * (gel[5] - math.sqrt(max(gel[5] * gel[5] - (y * y + z * z), 0.0)))
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _segment_maximum(start, along, low, high, gel):
     """Largest indentation on start + t along, t in low..high, from the apex."""
     if not low <= high:
@@ -53,12 +53,12 @@ def _segment_maximum(start, along, low, high, gel):
     return -_sag(gel, y, z) - x
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _doubled_area(corners, a, b, y, z):
     return (corners[a, 1] - y) * (corners[b, 2] - z) - (corners[a, 2] - z) * (corners[b, 1] - y)
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _normal(corners):
     """The cross product of two edges."""
     ux, uy, uz = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
@@ -66,7 +66,7 @@ def _normal(corners):
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _parallel_maximum(corners, gel):
     """Indentation where the gel is parallel to the triangle, if the triangle reaches there."""
     nx, ny, nz = _normal(corners)
@@ -84,7 +84,7 @@ def _parallel_maximum(corners, gel):
     return -np.inf
 
 
-@inner(kernel)
+@inner(arrayless(kernel))
 def _border_maximum(corners, gel, axis, side):
     """Largest indentation on the part of the triangle above one border of the gel's extent."""
     sy, sz, ay, az = side * gel[3], -gel[4], 0.0, 2 * gel[4]
@@ -105,7 +105,7 @@ def _border_maximum(corners, gel, axis, side):
     return _segment_maximum((x, sy, sz), (towards, ay, az), low, high, gel)
 
 
-@kernel
+@arrayless(kernel)
 def indentation(triangle, gel, corners):
     """Largest indentation of the gel by a triangle (3, 3), sensor frame, along the sensor's axis, metres.
 
@@ -137,13 +137,14 @@ def indentation(triangle, gel, corners):
     return best
 
 
-@kernel
-def deepest(triangles, bounds, gel):
+@arrayless(kernel)
+def deepest(triangles, bounds, gel, corners):
     """Largest indentation by any of the triangles (m, 3, 3), sensor frame, at least 0.
 
-    `bounds` (m,) are as of `FacePatches.near_gel`, and `gel` as of `gel.gel_constants`.
+    `bounds` (m,) are as of `FacePatches.near_gel`, and `gel` as of `gel.gel_constants`. `corners` (3, 3) is
+    working memory.
     """
-    greatest, corners = 0.0, np.empty((3, 3))
+    greatest = 0.0
     for i in range(len(triangles)):
         if bounds[i] > greatest:
             greatest = max(greatest, indentation(triangles[i], gel, corners))

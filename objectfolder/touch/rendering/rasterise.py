@@ -142,7 +142,7 @@ def _nearer(best, owner, u, columns, face, plane, limit):
         owner[j] = face if before else owner[j]
 
 
-@inner(arrayless(kernel))
+@arrayless(kernel)
 def _faces(triangles, bounds, rays, edges, inverse, rows):
     """Write normals and inverse determinants of a `Raster`, and first and last row (m, 2).
 
@@ -175,17 +175,15 @@ def _widest(extent, start, rays):
     return first, last
 
 
-@kernel
-def _rasterise(triangles, bounds, rays, gel_nearness, raster, rows):
-    """Write what `rasterise` returns; `rows` (m, 2) is working memory."""
+@arrayless(kernel)
+def _rasterise(rays, gel_nearness, raster, rows, lows, highs):
+    """Write what `rasterise` returns; `rows` are as of `_faces`, `lows` and `highs` are working memory."""
     u, shift, v = rays.u, rays.shift, rays.v
     owner, best, extent, edges, inverse = raster
-    total = _faces(triangles, bounds, rays, edges, inverse, rows)
-    lows, highs = np.empty(total), np.empty(total)
     for row in range(len(v)):
         extent[row, 0], extent[row, 1] = len(u), -1
     used = np.uint64(0)
-    for face in range(len(triangles)):
+    for face in range(len(rows)):
         first, count = rows[face, 0], np.uint64(rows[face, 1] + 1 - rows[face, 0])
         sign = 1.0 if inverse[face] > 0 else -1.0
         _columns(edges[face], sign, rays, np.uint64(first), count, lows, highs, used)
@@ -202,7 +200,7 @@ def _rasterise(triangles, bounds, rays, gel_nearness, raster, rows):
                 owner[row, j] = -1
     limit = 1 / rays.near
     used = np.uint64(0)
-    for face in range(len(triangles)):
+    for face in range(len(rows)):
         e, scale = edges[face], inverse[face]
         along = e[0, 0] + e[1, 0] + e[2, 0]
         slope = (e[0, 1] + e[1, 1] + e[2, 1]) * scale
@@ -235,5 +233,7 @@ def rasterise(triangles: np.ndarray, bounds: np.ndarray, rays: Rays, gel_nearnes
         np.empty(shape, dtype=np.int32), np.empty(shape), np.empty((lines, 2), dtype=np.int64),
         np.empty((count, 3, 3)), np.empty(count),
     )  # fmt: skip
-    _rasterise(triangles, bounds, rays, gel_nearness, raster, np.empty((count, 2), dtype=np.int64))
+    rows = np.empty((count, 2), dtype=np.int64)
+    total = _faces(triangles, bounds, rays, raster.edges, raster.inverse, rows)
+    _rasterise(rays, gel_nearness, raster, rows, np.empty(total), np.empty(total))
     return raster

@@ -82,7 +82,7 @@ class Simulator:
     def approach(self, pose: np.ndarray, least: float) -> Near:
         """Return the faces that may reach deeper into the gel than `least` metres, 0 or less, at a pose."""
         faces, triangles, bounds = self._patches.near_gel(pose, self._gel, least)
-        return Near(faces, triangles, bounds, deepest(triangles, bounds, self._gel))
+        return Near(faces, triangles, bounds, deepest(triangles, bounds, self._gel, np.empty((3, 3))))
 
     def meets_housing(self, pose: np.ndarray) -> bool:
         """Whether the object enters the housing at a pose, or on its straight way there along its axis."""
