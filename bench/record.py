@@ -33,11 +33,12 @@ def conclude(
     figures: Mapping[str, Any],
     settings: Mapping[str, Any],
     compared: str,
-    draw: Callable[[dict[str, Any]], None],
+    draw: Callable[[dict[str, Any]], None] | None = None,
 ) -> None:
-    """Write ``NAME.json`` as `write` does, and draw the figures as they are stored there."""
+    """Write ``NAME.json`` as `write` does. What a page shows is drawn, from the figures that are stored there."""
     path = write(name, figures, settings, compared)
-    draw(stored(name)["figures"])
+    if draw is not None:
+        draw(stored(name)["figures"])
     print(path)
 
 

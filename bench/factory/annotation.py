@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.factory.annotation_faults import injected, scaled
-from bench.record import REPOSITORY, arguments, conclude, save, subplots
+from bench.record import REPOSITORY, arguments, conclude
 from objectfolder.audio.materials import read_materials
 from pipeline.intake.check.entry import NOTE, Entry
 from pipeline.intake.check.mesh_rules import LENGTH, MASS, SAME, WALLS, is_close
@@ -76,22 +76,7 @@ def main() -> None:
     compared = (
         "Errors and warnings of objectfolder check on the published list against our table's judgement."
     )
-    conclude("annotation", figures, settings, compared, draw)
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the share of faults found, by kind."""
-    found = {name: one["found"] / one["rows"] for name, one in figures["faults_put_into_our_rows"].items()}
-    found |= {
-        f"published {name.replace('_', ' ')}": figures[name]["wrong_found"] / figures[name]["wrong"]
-        for name in ("length", "material_by_name", "material_by_name_or_mass")
-        if figures[name]["wrong"]
-    }
-    figure, axes = subplots(figsize=(8, 5))
-    axes.barh(list(found), [100 * share for share in found.values()])
-    axes.invert_yaxis()
-    axes.set_xlabel("% of the errors found")
-    save(figure, "annotation")
+    conclude("annotation", figures, settings, compared)
 
 
 def mesh_of(row: Mapping[str, str], scans: Path | None) -> Path:

@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, save, subplots
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds
 from objectfolder.products.provenance import fingerprint
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, to_bytes
 from pipeline.audit.reasons import BESIDE
@@ -228,24 +228,7 @@ def main() -> None:
         "CPU seconds of `objectfolder audit A B`, interpreter and imports included, where all products of"
         " some objects changed; bar: 5"
     )
-    conclude("audit", figures, settings, compared, draw)
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw CPU seconds against objects changed."""
-    rows, nothing = figures["changed"], figures["nothing_changed_cpu_s"]
-    figure, axes = subplots(figsize=(6, 4))
-    names = ["0", *(str(row["changed"]) for row in rows)]
-    near = [nothing[len(nothing) // 2], *(row["text_cpu_s"][len(row["text_cpu_s"]) // 2] for row in rows)]
-    axes.plot(names, near, "o-", label="from the cache")
-    for key, label in (("remote_cold_cpu_s", "from a remote, first time"), ("remote_warm_cpu_s", "again")):
-        if any(key not in row for row in rows):
-            continue
-        axes.plot(names[1:], [row[key] for row in rows], "o-", label=label)
-    axes.axhline(5.0, color="grey", linestyle="--", linewidth=1, label="bar")
-    axes.set(xlabel="objects changed, of 1,000", ylabel="CPU seconds", ylim=(0, None))
-    axes.legend()
-    save(figure, "audit")
+    conclude("audit", figures, settings, compared)
 
 
 if __name__ == "__main__":

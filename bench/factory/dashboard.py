@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.factory.dashboard_browser import behaviour
-from bench.record import arguments, conclude, cpu_seconds, save, subplots
+from bench.record import arguments, conclude, cpu_seconds
 from pipeline.publish.report.writing import write_report
 
 OBJECTS = 1000
@@ -56,7 +56,6 @@ def main() -> None:
         "Making a report of repeated objects with all pages against the same with unchanged pages kept, by "
         "held-out queries a sense without loss; first paint, sort, search and filter by the browser's own "
         "entries",
-        draw,
     )
 
 
@@ -146,25 +145,6 @@ def sizes(reports: Path) -> dict[str, Any]:
         "page_bytes_mean": sum(pages) / len(pages),
         "player_bytes_mean": sum(players) / max(len(players), 1),
     }
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw CPU seconds of reports and milliseconds of the page against the aims."""
-    figure, (left, right) = subplots(1, 2, figsize=(9, 3.2))
-    whole = figures["whole"].items()
-    rows = {f"all pages, {pairs} lossless pairs a sense": each["cpu_s"] for pairs, each in whole}
-    rows |= {
-        "one object changed": figures["one_changed"]["cpu_s"],
-        "nothing changed": figures["again"]["cpu_s"],
-    }
-    bars(left, rows, TARGET_CPU_S, "CPU seconds, 1,000 objects", "{:.1f}")
-    times = {
-        name.removesuffix("_ms").replace("_", " "): each["median"]
-        for name, each in figures["browser"].items()
-        if name.endswith("_ms") and name not in ("loaded_ms", "first_contentful_paint_ms")
-    }
-    bars(right, times, TARGET_MS, "milliseconds to the next paint, median", "{:.0f}")
-    save(figure, "dashboard")
 
 
 def bars(axes: Any, rows: dict[str, float], target: float, label: str, form: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, save, subplots
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds
 
 ROUNDS = 3
 WORKERS = (1, 2)
@@ -96,23 +96,6 @@ def summarise(rounds: list[dict[int, dict[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the wall seconds of every round."""
-    figure, axes = subplots(figsize=(6, 3.6))
-    for offset, workers in zip((-0.2, 0.2), WORKERS, strict=True):
-        seconds = [
-            done["wall_s"] for rounds in figures["rounds"] for done in rounds if done["workers"] == workers
-        ]
-        places = [index + offset for index in range(len(seconds))]
-        axes.bar(places, seconds, 0.4, label=f"{workers} worker{'s' * (workers > 1)}")
-    axes.set_xticks(range(len(figures["rounds"])))
-    axes.set_xlabel("round")
-    axes.set_ylabel("wall seconds of the whole set")
-    axes.set_title(f"Two workers: {figures['speed_up_median']:.2f} times as fast (median)")
-    axes.legend()
-    save(figure, "efficiency")
-
-
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
@@ -132,7 +115,7 @@ def main() -> None:
         "the whole command that makes a data set from nothing, cluster and interpreter started within: "
         "wall seconds with one worker over those with two, median of the rounds"
     )
-    conclude("efficiency", figures, settings, compared, draw)
+    conclude("efficiency", figures, settings, compared)
 
 
 if __name__ == "__main__":

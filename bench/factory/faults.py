@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.record import REPOSITORY, RESULTS, arguments, conclude, save, stored, subplots, versions
+from bench.record import REPOSITORY, RESULTS, arguments, conclude, stored, versions
 
 # What disturbs runs serves the tests as well; tests are no package, so their folder is put on the path first.
 sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
@@ -133,32 +133,9 @@ def summary(rounds: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     return found
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Executions of each kind of round: needed, again because cut short, again without need."""
-    found = figures["summary"]
-    figure, axes = subplots(figsize=(9, 4.5))
-    names = list(found)
-    needed = [found[name]["works"] for name in names]
-    wasted = [found[name]["done_twice_without_need"] for name in names]
-    again = [
-        found[name]["executions"] - found[name]["works"] - found[name]["done_twice_without_need"]
-        for name in names
-    ]
-    axes.barh(names, needed, color="0.7", label="once each")
-    axes.barh(names, again, left=needed, color="C0", label="again: a kill cut it short")
-    ends = [a + b for a, b in zip(needed, again, strict=True)]
-    axes.barh(names, wasted, left=ends, color="C3", label="again, though finished")
-    for row, name in enumerate(names):
-        axes.text(0, row, f"  {found[name]['kills']} kills", va="center")
-    axes.invert_yaxis()
-    axes.set_xlabel("executions of tasks")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.15), ncol=3)
-    save(figure, "faults")
-
-
 def record(rounds: dict[str, list[dict[str, Any]]]) -> None:
     settings = {"objects": len(CONTENTS), "stages": 3, "products": 4, "workers": 2, "task_ms": [50, 200]}
-    conclude("faults", {"summary": summary(rounds), "rounds": rounds}, settings, COMPARED, draw)
+    conclude("faults", {"summary": summary(rounds), "rounds": rounds}, settings, COMPARED)
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.record import RESULTS, arguments, conclude, save, subplots
+from bench.record import RESULTS, arguments, conclude
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import read_table
@@ -38,7 +38,6 @@ MEASURES = {
     "touch.psnr_contact_db": True,
     "bytes.total": False,
 }
-PLOTTED = ("vision.psnr_foreground_db", "audio.gain_error_db", "touch.psnr_contact_db")
 
 
 def main() -> None:
@@ -72,7 +71,7 @@ def main() -> None:
     settings = {"size": parameters.size, "seed": parameters.seed}
     shutil.copyfile(table, TABLE)
     compared = "Object Files against held-out truth; CPU seconds of every task."
-    conclude("hundred", figures, settings, compared, draw)
+    conclude("hundred", figures, settings, compared)
 
 
 def read_rows(table: Path) -> list[dict[str, str]]:
@@ -122,25 +121,6 @@ def stage_cost(root: Path, stage: str) -> dict[str, Any]:
         "peak_memory_bytes": max(cost.memory_bytes for cost in costs.values()),
         "product_bytes": sum(path.stat().st_size for path in paths if path.is_file()),
     }
-
-
-def draw(figures: Mapping[str, Any]) -> None:
-    """Draw the distributions of the headline figures and the CPU seconds of each object by stage."""
-    rows = read_rows(TABLE)
-    figure, axes = subplots(1, 4, figsize=(16, 3.6), width_ratios=(1, 1, 1, 2))
-    for name, axis in zip(PLOTTED, axes, strict=False):
-        axis.hist([value for row in rows if (value := number(row, name)) is not None], bins=20)
-        axis.set(xlabel=name, ylabel="objects")
-    total = {row["id"]: sum(number(row, f"cpu_seconds.{stage}") or 0 for stage in STAGES) for row in rows}
-    order = sorted(rows, key=lambda row: total[row["id"]])
-    below = [0.0] * len(order)
-    for stage in STAGES:
-        heights = [number(row, f"cpu_seconds.{stage}") or 0 for row in order]
-        axes[-1].bar(range(len(order)), heights, 1.0, below, label=stage)
-        below = [low + height for low, height in zip(below, heights, strict=True)]
-    axes[-1].set(xlabel="objects, by cost", ylabel="CPU s")
-    axes[-1].legend(fontsize="small")
-    save(figure, "hundred")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bench.factory.hundred import TABLE
-from bench.record import REPOSITORY, Stopwatch, conclude, kept, save, subplots
+from bench.record import REPOSITORY, Stopwatch, conclude, kept
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight
 from objectfolder.products.provenance import seed_from
@@ -73,18 +73,6 @@ def measured(scans: Scans, name: str, parameters: Any) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the foreground of each scan, before and now."""
-    picture, axis = subplots(figsize=(8, 5))
-    rows = figures["scans"]
-    for key, mark in (("before_db", "|"), ("psnr_foreground_db", "o")):
-        axis.plot([row[key] for row in rows.values()], [name[:28] for name in rows], mark, label=key)
-    axis.set(xlabel="PSNR of the foreground, dB", title="Held-out cameras and lights, 128 x 128")
-    axis.invert_yaxis()
-    axis.legend()
-    save(picture, "lowest_scans")
-
-
 def main() -> None:
     """Measure the lowest scans and the controls."""
     old, parameters = before(), read_parameters(REPOSITORY / "params.yaml")
@@ -119,7 +107,7 @@ def main() -> None:
         "missing": [name for name in chosen if name not in found],
     }
     settings = {"size": parameters.size, "seed": parameters.seed, "control_seed": CONTROL_SEED}
-    conclude("lowest_scans", {"summary": summary, "scans": found}, settings, COMPARED, draw)
+    conclude("lowest_scans", {"summary": summary, "scans": found}, settings, COMPARED)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from bench.factory.overhead_repository import REPOSITORY, OverheadRepository, stage_per_object
-from bench.record import arguments, conclude, cpu_seconds, save, subplots
+from bench.record import arguments, conclude, cpu_seconds
 from pipeline.dataset.stages import STAGES
 
 BARS = {"nothing to do": 3.0, "one object changed": 5.0, "status": 2.0, "status of DVC": 2.0}
@@ -121,18 +121,6 @@ def summary(ours: dict[str, Any], rival: dict[str, Any], start: float) -> dict[s
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw CPU seconds against the bars."""
-    names = list(BARS)
-    figure, axes = subplots(figsize=(8, 4))
-    axes.barh(names, [figures["median_cpu_s"][name] for name in names], color="tab:blue", height=0.5)
-    for row, name in enumerate(names):
-        axes.plot([BARS[name]] * 2, [row - 0.4, row + 0.4], color="tab:red", label="bar" if not row else None)
-    axes.set_xlabel(f"CPU seconds, {figures['objects']} objects, {figures['stages']} stages")
-    axes.legend()
-    save(figure, "overhead")
-
-
 def main() -> None:
     """Measure, write the results and say them."""
     parser = arguments(__doc__)
@@ -154,7 +142,6 @@ def main() -> None:
         {**vars(given), "python": sys.version.split()[0]},
         "CPU seconds, child processes included, of `dvc repro`, `dvc status` and `objectfolder status` over "
         "trivial tasks; the rival is one DVC stage per object, one product of six, carried on in proportion.",
-        draw,
     )
     print(json.dumps({key: figures[key] for key in ("median_cpu_s", "rival_extrapolated_cpu_s")}))
 

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader
 
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 from objectfolder.dataset import ObjectBatches, ObjectFolderDataset
 
 ROUNDS = 3
@@ -54,7 +54,7 @@ def main() -> None:
         "rounds": ROUNDS,
     }
     compared = "Training samples a CPU-second in batches: shuffled over all objects, and of four at a time"
-    conclude("samples", {"ways": rows}, settings, compared, draw)
+    conclude("samples", {"ways": rows}, settings, compared)
 
 
 def measure(given: argparse.Namespace, sense: str, settings: dict[str, Any], seed: int) -> dict[str, float]:
@@ -89,23 +89,6 @@ def agree(samples: ObjectFolderDataset, batch: dict[str, Any]) -> None:
     index = next(i for i in range(*samples.ranges()[place]) if samples.place(i)[1] == int(batch["query"][0]))
     key = "sound" if samples.sense == "audio" else "image"
     assert torch.equal(samples[index][key], batch[key][0])
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Write the plot."""
-    rows = figures["ways"]
-    figure, axes = subplots(figsize=(7, 4))
-    places = np.arange(len(rows))[::-1]
-    for offset, way, label in ((0.2, "shuffled", "all shuffled"), (-0.2, "few_objects", "ObjectBatches")):
-        bars = axes.barh(places + offset, [row[way] for row in rows], 0.38, label=label)
-        axes.bar_label(bars, fmt="%.0f", padding=3)
-    sources = {"truth": "truth", "object_file": "Object Files"}
-    axes.set_yticks(places, [f"{sources[row['source']]}: {row['case']}" for row in rows])
-    axes.set_xscale("log")
-    axes.set_xlabel("samples a CPU-second")
-    axes.margins(x=0.2)
-    figure.legend(loc="outside upper right", ncols=2)
-    save(figure, "samples")
 
 
 if __name__ == "__main__":

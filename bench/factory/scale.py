@@ -23,7 +23,7 @@ from unittest import mock
 
 import psutil
 
-from bench.record import REPOSITORY, arguments, conclude, save, subplots
+from bench.record import REPOSITORY, arguments, conclude
 from pipeline.cluster import dask_runner
 from pipeline.cluster.cluster import settings
 from pipeline.cluster.places import Place
@@ -65,22 +65,7 @@ def main() -> None:
                     figures["makespans"].append(row)
                     print(row, flush=True)
     surroundings = {"processors": os.cpu_count(), "load": os.getloadavg()[0]}
-    conclude("scale", figures, surroundings, COMPARED, draw)
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw wall time over the bound, by cluster and by what was known."""
-    figure, axes = subplots(figsize=(6, 3))
-    for place, knowledge in enumerate(("known", "first")):
-        chosen = [row for row in figures["makespans"] if row["knowledge"] == knowledge]
-        positions = [index + 0.4 * place for index in range(len(chosen))]
-        bars = axes.bar(positions, [row["over_bound"] for row in chosen], 0.38, label=knowledge)
-        axes.bar_label(bars, fmt="%.2f")
-    names = [f"{row['workers']} x {row['threads_of_each']}" for row in chosen]
-    axes.set_xticks([index + 0.2 for index in range(len(names))], names)
-    axes.set(xlabel="workers x threads", ylabel="wall time / lower bound", ylim=(0.9, None))
-    axes.legend(title="seconds of tasks")
-    save(figure, "scale")
+    conclude("scale", figures, surroundings, COMPARED)
 
 
 def sleep(call: Call, *rest: Any) -> Answer:

@@ -23,7 +23,7 @@ from bench.factory.engines import (
     rest_in_pybullet,
     slide_in_mujoco,
 )
-from bench.record import conclude, cpu_seconds, kept, save, subplots
+from bench.record import conclude, cpu_seconds, kept
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.errors import ObjectFolderError
 from objectfolder.mesh.body import solid_properties, topology_of
@@ -55,7 +55,7 @@ def main() -> None:
         path = given.folder / f"{name}.json"
         table[name] = kept(path, lambda at=name: measure(scans, at, given.folder / at))
         print(name, table[name], flush=True)
-    conclude("simulators", figures(table), settings(), COMPARED, draw)
+    conclude("simulators", figures(table), settings(), COMPARED)
 
 
 def settings() -> dict[str, Any]:
@@ -216,20 +216,6 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
 def at_rest(rest: dict[str, float]) -> bool:
     return all(rest[name] <= limit for name, limit in RESTS.items())
-
-
-def draw(figures: dict[str, Any]) -> None:
-    made = [row for row in figures["objects"].values() if row["failure"] is None]
-    picture, (left, right) = subplots(1, 2, figsize=(10, 4))
-    left.hist([row["union_iou"] for row in made], bins=np.linspace(0, 1, 41), color="#4477aa")
-    left.axvline(figures["median"]["union_iou"], color="0.3", ls="--", lw=1)
-    left.set(xlabel="collision parts and solid: volume in both over volume in either", ylabel="objects")
-    right.scatter(
-        [row["decompose_cpu_s"] for row in made], [row["union_iou"] for row in made], s=16, color="#4477aa"
-    )
-    right.set(xscale="log", xlabel="CPU seconds of the decomposition", ylabel="the same")
-    picture.suptitle(f"{len(made)} scans as simulator assets", fontsize=10)
-    save(picture, "simulators")
 
 
 if __name__ == "__main__":

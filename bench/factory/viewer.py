@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 
 import objectfolder
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 from objectfolder.object_file import ObjectFile
 from pipeline.publish.viewer.live import IMAGE_THREADS
 from pipeline.publish.viewer.static import write_player, write_player_assets
@@ -102,7 +102,6 @@ def main() -> None:
         settings,
         "Time from view to image and from click to sound on the live page, and from click to sound, bytes, "
         "write time and gain error of the static player, object by object",
-        draw,
     )
 
 
@@ -231,27 +230,6 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         name: {"median": float(np.median(v)), "worst": float(np.max(v))} for name, v in known.items() if v
     }
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw waits object by object."""
-    rows = figures["objects"]
-    figure, axes = subplots(1, 2, figsize=(10, 3.6))
-    at = np.arange(len(rows))
-    image = (("image_cpu_ms", "CPU of the server"), ("image_wall_ms_median", "wall"))
-    sound = (("strike_ms_median", "live"), ("static_strike_ms_median", "static"))
-    charts = ((100, "Image of 128 x 128", image), (50, "Click to sound", sound))
-    for axis, (bar, title, series) in zip(axes, charts, strict=True):
-        for shift, (name, label) in enumerate(series):
-            heights = [row[name] or 0 for row in rows]
-            axis.bar(at + 0.38 * (shift - 0.5), heights, 0.36, label=f"{label}, median")
-        worst = [row[series[1][0].replace("median", "worst")] or 0 for row in rows]
-        axis.plot(at + 0.19, worst, "k_", label=f"{series[1][1]}, worst")
-        axis.axhline(bar, color="tab:red", linewidth=0.8, label=f"{bar} ms")
-        axis.set(xticks=at, ylabel="ms", title=title)
-        axis.set_xticklabels([row["object"] for row in rows], rotation=30, ha="right")
-        axis.legend(fontsize=8)
-    save(figure, "viewer")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.record import conclude, cpu_seconds, kept, save, subplots
+from bench.record import conclude, cpu_seconds, kept
 from bench.senses.catalogue import VARIED, Scans, scan_arguments
 from objectfolder.simulators.collision import convex_parts, measure_parts
 from objectfolder.surface.convex_parts import ConvexParts
@@ -52,17 +52,6 @@ def measure(surface: Surface, way: Callable[[Surface], ConvexParts]) -> dict[str
     return parts.to_dict() | {"outward_share": parts.outward_m / length, "cpu_s": spent}
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Union over CPU seconds, a point a scan and way."""
-    figure, axes = subplots(figsize=(7, 5))
-    for name, found in figures["ways"].items():
-        rows = found["objects"].values()
-        axes.plot([row["cpu_s"] for row in rows], [row["union_iou"] for row in rows], "o", label=name)
-    axes.set(xscale="log", xlabel="CPU seconds", ylabel="volume in both over volume in either")
-    axes.legend(fontsize=8)
-    save(figure, "convex_parts")
-
-
 def main() -> None:
     given = scan_arguments(__doc__ or "", "rows").parse_args()
     scans = Scans(given.objects)
@@ -80,7 +69,7 @@ def main() -> None:
         print(name, ways[name], flush=True)
         ways[name]["objects"] = rows
     packages = {name: version(name) for name in ("coacd", "vhacdx") if find_spec(name)}
-    conclude("convex_parts", {"ways": ways}, {"packages": packages, "scans": VARIED}, COMPARED, draw)
+    conclude("convex_parts", {"ways": ways}, {"packages": packages, "scans": VARIED}, COMPARED)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
-from bench.record import REPOSITORY, conclude, cpu_seconds, kept, save, subplots
+from bench.record import REPOSITORY, conclude, cpu_seconds, kept
 from bench.references.bodies import BODIES
 from bench.references.exterior import radiated
 from bench.references.free_modes import FreeModes
@@ -234,28 +234,6 @@ def cost(name: str, make: Callable[[], tuple[Surface, Material]]) -> dict[str, A
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Worst level difference of each motion."""
-    figure, (left, right, last) = subplots(1, 3, figsize=(15, 4))
-    spheres = figures["spheres"]
-    for name in SPHERES:
-        worst = [row["motions"][name]["worst_db"] for row in spheres.values()]
-        left.plot([float(x) for x in spheres], worst, "o-", label=name)
-    left.set(xscale="log", xlabel="k a of the sphere", ylabel="worst of 20 directions, dB")
-    left.legend()
-    rows = figures["bell"]["motions"] | figures["bell_modes"]["motions"]
-    right.barh(list(rows), [row["worst_db"] for row in rows.values()])
-    right.set(xlabel="bell against bempp-cl, worst of the louder directions, dB")
-    for name, row in figures["objects"].items():
-        share = np.arange(1, row["modes"] + 1) / row["modes"]
-        last.step(np.sort(row["residuals"]), share, where="post", label=name)
-    last.set(
-        xscale="log", xlabel="stated error of a mode", ylabel="share of modes with at most that", ylim=(0, 1)
-    )
-    last.legend()
-    save(figure, "air")
-
-
 def main() -> None:
     options = scan_arguments(__doc__, "rows").parse_args()
     folder, scans = options.folder, Scans(options.objects)
@@ -272,7 +250,7 @@ def main() -> None:
     print(figures["bell"], figures["bell_modes"], figures["objects_median_cpu_s"])
     settings = {"sphere_radius_m": RADIUS_M, "distance_m": DISTANCE_M, "reference_edge_m": REFERENCE_EDGE_M}
     settings["reference_edges_of_pairs_m"] = [edge_m for _, edge_m in OWN]
-    conclude("air", figures, settings, COMPARED, draw)
+    conclude("air", figures, settings, COMPARED)
 
 
 if __name__ == "__main__":

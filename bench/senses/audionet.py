@@ -9,11 +9,10 @@ beside them as ``id.json`` and not measured again: remove the rows when the code
 import os
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, kept, save, subplots
+from bench.record import conclude, kept
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.audionet.fitting import fit_audionet
@@ -100,7 +99,7 @@ def main() -> None:
         "AudioNet with its defaults against the solved modes it was fitted to, at points of the true surface "
         "that it has not seen: gain error 20 log10(|g - g truth| / |g truth|) over points, directions, modes"
     )
-    conclude("audionet", figures, settings, compared, draw)
+    conclude("audionet", figures, settings, compared)
 
 
 def measure(scans: Scans, name: str, folder: Path) -> dict[str, float]:
@@ -165,27 +164,6 @@ def struck(modes: Product, gains: np.ndarray, rate_hz: float) -> np.ndarray:
         sample_rate_hz=rate_hz,
     )
     return np.asarray(sounds, dtype=np.float64)
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Gain errors and bytes, an object a row."""
-    table = figures["objects"]
-    names = sorted(table, key=lambda name: table[name]["gain_error_db"])
-    place = np.arange(len(names))
-    figure, (left, right) = subplots(1, 2, figsize=(11, 0.32 * len(names) + 1.6), sharey=True)
-    left.barh(place, [table[name]["gain_error_db"] for name in names], color="#4477aa", label="all modes")
-    left.plot(
-        [table[name]["gain_error_worst_mode_db"] for name in names], place, "k|", ms=9, label="worst mode"
-    )
-    left.axvline(-40, color="0.4", lw=1, ls="--")
-    left.set(xlabel="gain error at unseen points, dB", yticks=place)
-    left.set_yticklabels([f"{name[:30]} ({table[name]['modes']:.0f})" for name in names], fontsize=8)
-    left.legend(fontsize=8, loc="lower left")
-    right.barh(place, [table[name]["bytes"] / 1e3 for name in names], color="#ccbb44")
-    right.axvline(300, color="0.4", lw=1, ls="--")
-    right.set(xlabel="stored, kB")
-    figure.suptitle("AudioNet on real objects (modes)", fontsize=10)
-    save(figure, "audionet")
 
 
 if __name__ == "__main__":

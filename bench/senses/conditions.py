@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept, save, subplots
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept
 from objectfolder.fidelity.conditions import measure_conditions
 from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_attributes, read_product, write_product
@@ -57,17 +57,6 @@ def _render(data: Path, name: str, path: Path) -> dict[str, float]:
     return {"cpu_s": seconds}
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the PSNR of each object, a mark a condition."""
-    picture, axis = subplots(figsize=(8, 4))
-    for name in CONDITIONS:
-        rows = figures["objects"].values()
-        axis.plot([row.get(f"psnr_{name}_db") for row in rows], list(figures["objects"]), "o", label=name)
-    axis.set(xlabel="PSNR of the foreground, dB")
-    axis.legend()
-    save(picture, "conditions")
-
-
 def main() -> None:
     """Measure everything that is not in the folder yet."""
     parser = arguments(__doc__)
@@ -91,7 +80,7 @@ def main() -> None:
         values = [row[key] for row in rows.values()]
         summary[key] = {"mean": float(np.mean(values)), "most": max(values)}
     settings = {"views": VIEWS, "samples": SAMPLES, "conditions": {k: vars(v) for k, v in CONDITIONS.items()}}
-    conclude("conditions", {"summary": summary, "objects": rows}, settings, COMPARED, draw)
+    conclude("conditions", {"summary": summary, "objects": rows}, settings, COMPARED)
 
 
 if __name__ == "__main__":

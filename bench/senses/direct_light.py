@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, conclude, kept, save, subplots
+from bench.record import arguments, conclude, kept
 from bench.senses.air import starter_set
 from bench.senses.catalogue import Scans
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA
@@ -70,7 +70,7 @@ def main() -> None:
         "truth": f"Cycles, {SAMPLES} samples, no bounces",
         "sub_rays": SUB_RAYS,
     }
-    conclude("direct_light", found, settings, COMPARED, draw)
+    conclude("direct_light", found, settings, COMPARED)
 
 
 @dataclass(frozen=True)
@@ -217,18 +217,6 @@ def base_colour(scene: Scene, points: Points) -> np.ndarray:
 
 def _decibels(square: np.ndarray) -> float:
     return float(-10 * np.log10(max(float(square.mean()), 1e-12)))
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the price of each term."""
-    figure, axes = subplots(columns=len(figures), figsize=(4 * len(figures), 3), sharex=True)
-    for axis, (name, found) in zip(np.atleast_1d(axes), figures.items(), strict=True):
-        rows = found["prices"]
-        axis.barh(list(rows), [row["foreground_db"] for row in rows.values()])
-        axis.invert_yaxis()
-        axis.set_title(name)
-        axis.set_xlabel("foreground PSNR, dB")
-    save(figure, "direct_light")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import REPOSITORY, conclude, cpu_seconds, kept, save, subplots
+from bench.record import REPOSITORY, conclude, cpu_seconds, kept
 from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.vision_objects import NETWORKS, RESOLUTION, Subject, means
 from objectfolder.mesh.mesh import textured_mesh_of
@@ -110,17 +110,6 @@ def many_lamps(net: VisionNet, camera: np.ndarray) -> dict[str, float]:
     return {"cpu_ratio": many / one, "foreground_db": means(asked, on_white(together))["psnr_foreground_db"]}
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the foreground's PSNR of each object, a mark an environment."""
-    picture, axis = subplots(figsize=(8, 4))
-    for name in ("lamp", *ENVIRONMENTS):
-        values = [found[name]["psnr_foreground_db"] for found in figures["objects"].values()]
-        axis.plot(values, list(figures["objects"]), "o", label=name)
-    axis.set(xlabel="PSNR of the foreground, dB", title="Held-out cameras, 128 x 128")
-    axis.legend()
-    save(picture, "environments")
-
-
 def main() -> None:
     """Measure all objects at hand."""
     parser = scan_arguments(__doc__, "truth and networks")
@@ -149,7 +138,7 @@ def main() -> None:
         many = [found["many_lamps"][name] for found in rows.values()]
         summary[f"many_lamps_{name}"] = {"mean": float(np.mean(many)), "worst": of(many)}
     settings = {"resolution_px": RESOLUTION, "views": VIEWS, "samples": SAMPLES, "lamps": LAMPS}
-    conclude("environments", {"summary": summary, "objects": rows}, settings, COMPARED, draw)
+    conclude("environments", {"summary": summary, "objects": rows}, settings, COMPARED)
 
 
 if __name__ == "__main__":

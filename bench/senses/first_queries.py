@@ -13,7 +13,7 @@ import sys
 import tempfile
 from typing import Any
 
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 
 QUERIES = {
     "sight": "mug.render(*mug.sample_views(1, seed=0), resolution=256)",
@@ -67,30 +67,13 @@ def measured(query: str, rounds: int) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw seconds by sense."""
-    figure, axes = subplots(figsize=(6, 3))
-    for place, key in enumerate(("fresh_installation_cpu_s", "new_process_cpu_s", "next_query_cpu_s")):
-        heights = [figures[sense][key] for sense in QUERIES]
-        axes.bar(
-            [i + 0.27 * (place - 1) for i in range(len(QUERIES))],
-            heights,
-            0.25,
-            label=key[:-6].replace("_", " "),
-        )
-    axes.set_xticks(range(len(QUERIES)), QUERIES)
-    axes.set_ylabel("CPU seconds")
-    axes.legend(loc="upper center")
-    save(figure, "first_queries")
-
-
 def main() -> None:
     """Measure and record."""
     parser = arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=3)
     rounds = parser.parse_args().rounds
     figures = {sense: measured(query, rounds) for sense, query in QUERIES.items()}
-    conclude("first_queries", figures, {"rounds": rounds, "queries": QUERIES}, COMPARED, draw)
+    conclude("first_queries", figures, {"rounds": rounds, "queries": QUERIES}, COMPARED)
 
 
 if __name__ == "__main__":

@@ -12,11 +12,10 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, conclude, cpu_seconds, save, subplots
+from bench.record import arguments, conclude, cpu_seconds
 from objectfolder.touch import Elastomer, solve_contact
 from objectfolder.touch.elastic.tangential_influence import tangential_compliance
 
@@ -142,24 +141,6 @@ def linear(case: tuple[float, ...], depth: float, at: np.ndarray) -> tuple[float
     return contact.force_n, touched, np.interp(at, x[CELLS // 2 :] * 1e3, along)
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the forces over the depth and the displacements over the radius."""
-    figure, axes = subplots(1, 2, figsize=(9, 3.6))
-    for name, rows in figures["cases"].items():
-        depth = [row["depth_mm"] for row in rows]
-        error = [100 * (row["linear_n"] / row["large_strain_n"] - 1) for row in rows]
-        axes[0].plot(depth, error, "o-", label=name)
-        last = rows[-1]
-        for key, style in (("large_strain_outward_mm", "-"), ("linear_outward_mm", "--")):
-            label = f"{last['depth_mm']:g} mm, {key.split('_outward')[0].replace('_', ' ')}"
-            axes[1].plot(last["radius_mm"], last[key], style, label=label)
-    axes[0].set(xlabel="depth, mm", ylabel="force of linear elasticity too large, %")
-    axes[1].set(xlabel="distance from the axis, mm", ylabel="outward displacement, mm")
-    for axis in axes:
-        axis.legend(fontsize="x-small")
-    save(figure, "gel_large_strain")
-
-
 def main() -> None:
     """Press both balls by both methods."""
     arguments(__doc__).parse_args()
@@ -191,7 +172,7 @@ def main() -> None:
         "rows_of_elements": ROWS,
         "cpu_s": cpu_seconds() - start,
     }
-    conclude("gel_large_strain", {"cases": cases}, settings, COMPARED, draw)
+    conclude("gel_large_strain", {"cases": cases}, settings, COMPARED)
 
 
 if __name__ == "__main__":

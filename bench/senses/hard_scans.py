@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, kept, save, subplots
+from bench.record import conclude, kept
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
 from bench.senses.vision_objects import HELD_OUT_SAMPLES, HELD_OUT_VIEWS, RESOLUTION, Subject
 from objectfolder.audio.materials import Material, find_material, read_materials
@@ -102,27 +102,12 @@ def main() -> None:
         "held_out": f"{HELD_OUT_VIEWS} views at {HELD_OUT_SAMPLES} samples",
         "materials": {name: scans.material(name).name for name in found},
     }
-    conclude("hard_scans", {"summary": summary, "objects": found}, settings, COMPARED, draw)
+    conclude("hard_scans", {"summary": summary, "objects": found}, settings, COMPARED)
 
 
 def measured(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     """Return one object's row."""
     return Subject(scans, name, folder).answer("within_120")
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw the foreground's PSNR of each object beside the noise of its truth."""
-    picture, axis = subplots(figsize=(8, 4))
-    rows = figures["objects"]
-    for key, label, mark in (
-        ("psnr_foreground_db", "VisionNet", "o"),
-        ("noise_floor_foreground_db", "noise of the truth", "|"),
-    ):
-        axis.plot([row[key] for row in rows.values()], [name[:28] for name in rows], mark, label=label)
-    axis.set(xlabel="PSNR of the foreground, dB", title="Hard scans, held-out cameras and lights, 128 x 128")
-    axis.invert_yaxis()
-    axis.legend()
-    save(picture, "hard_scans")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import Stopwatch, arguments, conclude, save, subplots
+from bench.record import Stopwatch, arguments, conclude
 from objectfolder.audio.audionet.audionet import RADIATION, AudioNet
 from objectfolder.live import LiveSound, MujocoSimulation
 from objectfolder.live.gripper import standing
@@ -213,18 +213,6 @@ def ringing(file: ObjectFile, count: int) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Real-time factors."""
-    figure, axes = subplots(figsize=(6, 4))
-    rows = figures["ringing"]
-    axes.loglog([row["bodies"] for row in rows], [row["real_time_factor"] for row in rows], "o-")
-    row = figures["hundred_modes"]["full"]
-    axes.plot(row["bodies"], row["real_time_factor"], "s")
-    axes.axhline(1.0, color="k", lw=1)
-    axes.set(xlabel="bodies that ring at once", ylabel="times as fast as real time")
-    save(figure, "live")
-
-
 def main() -> None:
     arguments(__doc__).parse_args()
     mug = objectfolder.example("mug")
@@ -236,9 +224,7 @@ def main() -> None:
         "hundred_modes": {"full": quickest(lambda: ringing(with_modes(MODES), 20))},
     }
     settings = {"seconds": SECONDS, "step_s": STEP_S, "block": BLOCK, "rate_hz": RATE_HZ, "runs": RUNS}
-    conclude(
-        "live", figures, settings | {"threads": os.environ.get("OMP_NUM_THREADS", "all")}, COMPARED, draw
-    )
+    conclude("live", figures, settings | {"threads": os.environ.get("OMP_NUM_THREADS", "all")}, COMPARED)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 from objectfolder.live import Felt, Finger, LiveTouch
 from objectfolder.live.contacts import finite_pose
 from objectfolder.live.touch import _at_gel
@@ -80,19 +79,6 @@ def _row(world: Handling, felt: Felt, there: Felt) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Shares of blank gels."""
-    figure, axes = subplots(figsize=(6, 3))
-    rows: Sequence[dict[str, Any]] = figures["objects"]
-    for shift, name in ((-0.2, "blank_where_they_stand"), (0.2, "blank")):
-        heights = [100 * row[name] / row["pressing"] for row in rows]
-        axes.bar(np.arange(len(rows)) + shift, heights, 0.4, label=name.replace("_", " "))
-    axes.set_xticks(range(len(rows)), [row["object"] for row in rows])
-    axes.set(ylabel="% of fingers that press")
-    axes.legend(fontsize=8)
-    save(figure, "live_gels")
-
-
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE")
@@ -104,7 +90,7 @@ def main() -> None:
     shares = {name: sum(row[name] for row in rows) / pressing for name in rows[0] if name.startswith("blank")}
     settings = {"squeezes": SQUEEZES, "squeeze_n": SQUEEZE_N, "steps": STEPS, "pressed_n": PRESSED_N}
     settings |= {"threads": os.environ.get("OMP_NUM_THREADS", "all")}
-    conclude("live_gels", {"objects": rows, "shares": shares}, settings, COMPARED, draw)
+    conclude("live_gels", {"objects": rows, "shares": shares}, settings, COMPARED)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import psutil
 
 import objectfolder
 from bench.factory.viewer import ARGUMENTS, announced
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 
 NAMES, WARM_S, SECONDS = ("mug", "bell", "mug"), 10, 60
 SOUND = "objectfolderViewer.table.sound"
@@ -84,15 +84,6 @@ def watched(page: Any, seconds: int) -> None:
         page.wait_for_timeout(1000)
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Gaps and CPU seconds."""
-    figure, axes = subplots(figsize=(6, 1.6))
-    axes.barh(0, figures["server_cpu_s_per_second"])
-    axes.axvline(1.0, color="k", lw=1)
-    axes.set(xlabel=f"CPU seconds a second; {figures['gaps']} gaps in {figures['seconds']:.0f} s", yticks=[])
-    save(figure, "live_page")
-
-
 def main() -> None:
     arguments(__doc__).parse_args()
     examples = Path(objectfolder.__file__).parent / "examples"
@@ -106,7 +97,7 @@ def main() -> None:
         "warm_s": WARM_S,
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }
-    conclude("live_page", figures, settings, COMPARED, draw)
+    conclude("live_page", figures, settings, COMPARED)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 import objectfolder
-from bench.record import Stopwatch, arguments, conclude, save, subplots
+from bench.record import Stopwatch, arguments, conclude
 from objectfolder.live import Finger, LiveSight, LiveSound, LiveTouch
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
@@ -147,19 +147,6 @@ def queries() -> dict[str, float]:
     return {name: float(np.median(times)) for name, times in spent.items()}
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Seconds of each part."""
-    figure, axes = subplots(figsize=(6, 2.2))
-    left = 0.0
-    for name, spent in figures["played"]["cpu_s_per_second"].items():
-        axes.barh(0, spent, left=left, label=name)
-        left += spent
-    axes.axvline(1.0, color="k", lw=1)
-    axes.set(xlabel="CPU seconds of one core for a second of the scene", yticks=[])
-    axes.legend(fontsize=8, ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    save(figure, "live_play")
-
-
 def main() -> None:
     arguments(__doc__).parse_args()
     played(1.0)  # the first compiles kernels
@@ -170,7 +157,7 @@ def main() -> None:
         "touches_hz": TOUCHES_HZ, "views_hz": VIEWS_HZ, "pixels": PIXELS,
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }  # fmt: skip
-    conclude("live_play", {"played": best, "queries": queries()}, settings, COMPARED, draw)
+    conclude("live_play", {"played": best, "queries": queries()}, settings, COMPARED)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import Stopwatch, arguments, conclude, save, subplots
+from bench.record import Stopwatch, arguments, conclude
 from objectfolder.live import Felt, Finger, LiveTouch, MujocoSimulation
 from objectfolder.live.gripper import FINGERS, gripper
 from objectfolder.touch.elastic.contact_problem import solve_contact
@@ -134,22 +134,6 @@ def sheared_balls() -> list[dict[str, float]]:
     return rows
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """What a finger feels."""
-    figure, (above, below) = subplots(2, 1, figsize=(6, 6), sharex=True)
-    rows = figures["squeeze"]["felt"]
-    times = [row["time_s"] for row in rows]
-    above.plot(times, [row["normal_n"] for row in rows], label="pressed")
-    above.plot(times, [row["tangential_n"] for row in rows], label="across")
-    below.plot(times, [row["largest_shift_of_a_marker_pixels"] for row in rows])
-    slides = [row["time_s"] for row in rows if row["sliding"]]
-    above.plot(slides, [0] * len(slides), "k|", label="slides")
-    above.set(ylabel="newtons")
-    below.set(xlabel="seconds", ylabel="largest shift of a marker, pixels")
-    above.legend(fontsize=8)
-    save(figure, "live_touch")
-
-
 def main() -> None:
     arguments(__doc__).parse_args()
     runs = [squeeze() for _ in range(RUNS)]
@@ -162,7 +146,7 @@ def main() -> None:
     }
     settings = {"step_s": STEP_S, "steps_between": BETWEEN, "squeeze_n": SQUEEZE_N, "friction": FRICTION}
     settings |= {"runs": RUNS, "threads": os.environ.get("OMP_NUM_THREADS", "all")}
-    conclude("live_touch", figures, settings, COMPARED, draw)
+    conclude("live_touch", figures, settings, COMPARED)
 
 
 if __name__ == "__main__":

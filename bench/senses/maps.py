@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, cpu_seconds, kept, save, subplots
+from bench.record import conclude, cpu_seconds, kept
 from bench.senses.catalogue import FOLDER, Scans, scan_arguments
 from bench.senses.vision_objects import HELD_OUT_SAMPLES, HELD_OUT_VIEWS, RESOLUTION, means
 from objectfolder.fidelity.images import psnr_db
@@ -90,7 +90,7 @@ def main() -> None:
         "holes": f"{PUNCHED}, about {HOLES_ACROSS} holes across its texture",
         "reflectance_views": ALBEDO_VIEWS,
     }
-    conclude("maps", found, settings, COMPARED, draw)
+    conclude("maps", found, settings, COMPARED)
 
 
 def punched(mesh: TexturedMesh) -> TexturedMesh:
@@ -180,21 +180,6 @@ def stated(mesh: TexturedMesh, appearance: Appearance) -> dict[str, Any]:
         for name, pooled in pairs.items()
         if pooled
     }
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Draw errors with and without a map, and of the stored albedo."""
-    picture, (left, right) = subplots(1, 2, figsize=(9, 4))
-    for name in ("normals", "holes"):
-        rows = figures[name]
-        labels = ["with", "without", "cycles_without"]
-        left.plot([rows[label]["psnr_foreground_db"] for label in labels], labels, "o", label=name)
-    left.set(xlabel="PSNR of the foreground, dB", title="VisionNet and Cycles without a map")
-    left.legend()
-    reflectance = figures["reflectance"]
-    right.barh([name[:24] for name in reflectance], [row["albedo"]["db"] for row in reflectance.values()])
-    right.set(xlabel="PSNR, dB", title="Albedo in 64 kB")
-    save(picture, "maps")
 
 
 if __name__ == "__main__":

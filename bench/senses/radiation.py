@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record import arguments, conclude, cpu_seconds, kept, save, subplots
+from bench.record import arguments, conclude, cpu_seconds, kept
 from bench.references.free_modes import FreeModes
 from bench.senses.air import starter_set
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
@@ -86,18 +86,6 @@ def differences(row: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Level differences over frequency."""
-    figure, axes = subplots(figsize=(7, 4))
-    for place, (name, row) in enumerate(figures["objects"].items()):
-        axes.plot(row["hertz"], row["levels_db"], "o", color=f"C{place}", label=name)
-        axes.plot(row["hertz"], row["sphere_levels_db"], "x", color=f"C{place}")
-    axes.axhspan(-3, 3, color="0.9", zorder=0)
-    axes.set(xscale="log", xlabel="frequency, Hz", ylabel="level, dB (crosses: a sphere of the same area)")
-    axes.legend()
-    save(figure, "radiation")
-
-
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
@@ -110,7 +98,7 @@ def main() -> None:
         print(
             name, {key: value for key, value in rows[name].items() if not isinstance(value, list)}, flush=True
         )
-    conclude("radiation", {"objects": rows}, {"highest_hz": HIGHEST_HZ}, COMPARED, draw)
+    conclude("radiation", {"objects": rows}, {"highest_hz": HIGHEST_HZ}, COMPARED)
 
 
 if __name__ == "__main__":

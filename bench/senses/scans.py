@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 from objectfolder.products.store import read_product
 from pipeline.dataset.failures import read_failures
 from pipeline.dataset.parameters import read_parameters
@@ -42,7 +42,7 @@ def main() -> None:
     }
     failures = {one.object: f"{one.error} {one.remedy}" for one in read_failures(root) if one.stage == STAGE}
     settings = {"size": parameters.size, "seed": parameters.seed, "threads": 1}
-    conclude("scans", figures(rows, failures), settings, COMPARED, draw)
+    conclude("scans", figures(rows, failures), settings, COMPARED)
 
 
 def row(path: Path, cost: Estimate) -> dict[str, Any]:
@@ -95,19 +95,6 @@ def figures(rows: dict[str, dict[str, Any]], failures: dict[str, str]) -> dict[s
 
 def median(rows: list[dict[str, Any]], key: str) -> float:
     return float(np.median([row[key] for row in rows]))
-
-
-def draw(figures: dict[str, Any]) -> None:
-    shown = [row for row in figures["objects"].values() if row["modes"]]
-    picture, axes = subplots(figsize=(7, 4.5))
-    seconds = [row["cpu_s"] for row in shown]
-    axes.scatter(seconds, [row["error_median_cents"] for row in shown], s=18, label="median of its modes")
-    axes.scatter(seconds, [row["error_worst_cents"] for row in shown], s=18, marker="x", label="worst mode")
-    axes.axhline(10, color="grey", linewidth=0.8)
-    axes.set(xscale="log", yscale="log", xlabel="CPU seconds of the task", ylabel="stated error, cents")
-    axes.legend()
-    axes.set_title("Scans: stated error of the first 50 audible modes")
-    save(picture, "scans")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, save, subplots
+from bench.record import conclude
 from bench.rivals.audio.gains_network import fit_gains_network
 from bench.rivals.audio.spectrogram import SAMPLE_RATE_HZ
 from bench.rivals.audio.spectrogram_network import fit_spectrogram_network
@@ -42,14 +42,6 @@ COMPARED = (
     "AudioNet, the papers' networks and the papers' mean over vertices against solved modes at held-out "
     "points: relative error of gains in dB, STFT and ENV distance of 2 s of sound by "
     "objectfolder.fidelity.sounds from modes up to 0.45 of the rate, stored bytes, and CPU seconds"
-)
-PANELS = (
-    ("gain_error_db", "held-out gain error, dB", False),
-    ("stft_distance_16_khz", "STFT distance, 16 kHz", True),
-    ("envelope_distance_16_khz", "ENV distance, 16 kHz", True),
-    ("bytes", "stored bytes", True),
-    ("training_cpu_s", "CPU-s to make", True),
-    ("query_cpu_s", "CPU-s for a contact's 2 s of sound", True),
 )
 
 
@@ -148,25 +140,6 @@ class Contest:
         }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """Draw every measure, a row a way, a mark an object."""
-    names = list(next(iter(figures.values()))["ways"])
-    figure, axes = subplots(2, 3, figsize=(15, 6.5), sharey=True)
-    for panel, (key, title, logarithmic) in zip(axes.ravel(), PANELS, strict=True):
-        for mark, (object_id, found) in zip("os^Dv", figures.items(), strict=False):
-            ways = [found["ways"][name] for name in names]
-            known = [(way[key], row) for row, way in enumerate(ways) if way.get(key)]
-            panel.plot(*zip(*known, strict=True), mark, label=object_id.replace("_", " "), alpha=0.8)
-        panel.set_title(title, fontsize=11)
-        panel.set_yticks(range(len(names)), names)
-        panel.grid(alpha=0.3)
-        if logarithmic:
-            panel.set_xscale("log")
-    axes[0, 0].invert_yaxis()
-    axes[0, 0].legend(fontsize=8)
-    save(figure, "sound_rivals")
-
-
 def main() -> None:
     parser = scan_arguments("AudioNet against the published ways", "solved modes")
     parser.add_argument("--only", nargs="+", default=OBJECTS)
@@ -192,7 +165,7 @@ def main() -> None:
         "spectrogram_steps": given.spectrogram_steps,
         "threads": os.environ.get("OMP_NUM_THREADS"),
     }
-    conclude("sound_rivals", figures, settings, COMPARED, draw)
+    conclude("sound_rivals", figures, settings, COMPARED)
 
 
 if __name__ == "__main__":

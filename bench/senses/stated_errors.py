@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from bench.record import arguments, conclude, cpu_seconds, kept, save, subplots
+from bench.record import arguments, conclude, cpu_seconds, kept
 from bench.references import bodies, held_out, thin_walls
 from bench.references.cuboid import cuboid
 from bench.references.held_out import CUBOIDS
@@ -109,18 +109,6 @@ def together(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def draw(figures: dict[str, Any]) -> None:
-    """True over stated error of every mode."""
-    figure, axes = subplots(figsize=(6, 6))
-    for name, row in figures["bodies"].items():
-        axes.plot(row["stated_cents"], np.maximum(np.abs(row["cents"]), 1e-2), "o", ms=4, label=name)
-    ends = np.array([0.1, 100.0])
-    axes.plot(ends, ends, "k-", lw=1)
-    axes.set(xscale="log", yscale="log", xlabel="stated error, cents", ylabel="true error, cents")
-    axes.legend(fontsize=8)
-    save(figure, "stated_errors")
-
-
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
@@ -132,7 +120,7 @@ def main() -> None:
         shown = ("modes", "modes_of_reference", "median_cents", "worst_cents", "cpu_s")
         print(name, {key: rows[name].get(key) for key in shown}, flush=True)
     settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": ACCURACY_CENTS, "radiation": SPHERE}
-    conclude("stated_errors", figures(rows), settings, COMPARED, draw)
+    conclude("stated_errors", figures(rows), settings, COMPARED)
 
 
 if __name__ == "__main__":

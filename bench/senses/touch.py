@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, kept, save, subplots
+from bench.record import conclude, kept
 from bench.senses.catalogue import VARIED, Scans, scan_arguments
 
 # A smooth body, a tool with a head and a handle, a figure with thin parts.
@@ -64,7 +64,7 @@ def main() -> None:
     ]
     figures = {"summary": summarised(speed, encoded), "rows": {"speed": speed, "encoding": encoded}}
     print(json.dumps(figures["summary"], indent=1))
-    conclude("touch", figures, _settings(given), COMPARED, draw)
+    conclude("touch", figures, _settings(given), COMPARED)
 
 
 def summarised(speed: list[Row], encoded: list[Row]) -> Row:
@@ -126,45 +126,6 @@ def _sizes(speed: list[Row]) -> list[Row]:
         {**sizes[0], "touches_a_cpu_s": float(np.median([size["touches_a_cpu_s"] for size in sizes]))}
         for sizes in zip(*(row["sizes"] for row in speed), strict=True)
     ]
-
-
-def draw(figures: Row) -> None:
-    """Error against seconds; rates over the size of images; bytes of stored surfaces."""
-    summary = figures["summary"]
-    figure, (by_time, by_size, by_object) = subplots(1, 3, figsize=(15, 4.8), width_ratios=(1.5, 1, 1.3))
-    for name in dict.fromkeys(way["way"] for way in summary["ways"]):
-        _draw_way(by_time, name, [way for way in summary["ways"] if way["way"] == name])
-    by_time.set(xscale="log", xlabel="CPU seconds a touch", ylabel="PSNR in the contact region, dB")
-    by_time.legend(fontsize=7)
-    for samples in sorted({row["samples"] for row in summary["sizes"]}):
-        rows = [row for row in summary["sizes"] if row["samples"] == samples]
-        names = [f"{row['width']} x {row['height']}" for row in rows]
-        rates = [row["touches_a_cpu_s"] for row in rows]
-        by_size.plot(names, rates, "o-", label=f"{samples} x {samples}")
-    by_size.set(yscale="log", ylabel="touches a CPU second")
-    by_size.legend(fontsize=7)
-    ordered = sorted(figures["rows"]["encoding"], key=lambda row: row["bytes"])
-    by_object.barh([row["object"][:24] for row in ordered], [row["bytes"] / 1e3 for row in ordered])
-    by_object.tick_params(axis="y", labelsize=6)
-    by_object.set_xlabel("kB of stored surface")
-    for axis in (by_time, by_size, by_object):
-        axis.grid(alpha=0.3)
-    save(figure, "touch")
-
-
-def _draw_way(axis: Any, name: str, found: list[Row]) -> None:
-    """Draw one way over its settings; a dotted line where it takes no time."""
-    errors = [way["psnr_contact_db"] for way in found]
-    if "cpu_s" not in found[0]:
-        axis.axhline(errors[0], lw=0.8, ls=":", color="black")
-        place = (0.02, errors[0])
-        axis.annotate(name, place, fontsize=7, xycoords=axis.get_yaxis_transform())
-        return
-    trained = f", {found[0]['training_cpu_s']:.0f} CPU s" if "training_cpu_s" in found[0] else ""
-    axis.plot([way["cpu_s"] for way in found], errors, "o-", ms=4, label=name + trained)
-    for way in found:
-        if way["setting"] is not None:
-            axis.annotate(str(way["setting"]), (way["cpu_s"], way["psnr_contact_db"]), fontsize=7)
 
 
 def _settings(given: argparse.Namespace) -> Row:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, conclude, save, subplots
+from bench.record import REPOSITORY, conclude
 from bench.senses.catalogue import VARIED, Scans, scan_arguments
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
@@ -38,7 +38,6 @@ TILT_DEG = 15.0
 ROUNDING, ONE_LEVEL = 1 / 12, 1 / (160 * 120 * 3)
 # Columns of a pose's row; their means and worsts are given.
 MEASURES = ("raw_psnr_db", "contact_psnr_db", "calibrated_psnr_db", "raw_ssim", "calibrated_ssim")
-COLOURS = {"vertex": "tab:blue", "crease": "tab:orange", "vertex, ours crease": "tab:red"}
 COMPARED = (
     "Images of a DIGIT pressed into objects, ours over samples along a pixel's side against TACTO 0.0.3's "
     "own: PSNR of the raw image, of the pixels that change or touch, and of the calibrated image; SSIM"
@@ -85,7 +84,7 @@ def main() -> None:
             print(name, normals, "compared", flush=True)
     summary = summarised(rows)
     print(summary)
-    conclude("touch_tacto", {"summary": summary, "poses": rows}, _settings(given, driver), COMPARED, draw)
+    conclude("touch_tacto", {"summary": summary, "poses": rows}, _settings(given, driver), COMPARED)
 
 
 def _request(given: argparse.Namespace, index: int, surface: Surface) -> dict[str, np.ndarray]:
@@ -207,31 +206,6 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, floa
             entry["tacto_cpu_s_median"] = float(np.median([row["tacto_cpu_s"] for row in seen]))
             found.setdefault(normals, {})[str(samples)] = entry
     return found
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """Error over samples, and its spread over poses."""
-    figure, (by_samples, by_pose) = subplots(1, 2, figsize=(9, 4.2))
-    for normals, found in figures["summary"].items():
-        for measure, line in (("mean", "o-"), ("worst", "v--")):
-            values = [entry[f"raw_psnr_{measure}_db"] for entry in found.values()]
-            label = f"{normals} normals, {measure}"
-            by_samples.plot(list(found), values, line, color=COLOURS[normals], label=label)
-        ordered = sorted(
-            row["raw_psnr_db"]
-            for row in figures["poses"]
-            if (row["normals"], row["samples"]) == (normals, 2) and row["share_in_contact"] > 0
-        )
-        share = np.linspace(0, 1, len(ordered))
-        by_pose.plot(share, ordered, color=COLOURS[normals], label=f"{normals} normals")
-    empty = found["2"]["empty_raw_psnr_mean_db"]
-    by_samples.axhline(empty, color="black", lw=0.8, ls=":", label="no contact at all, mean")
-    by_samples.set(xlabel="samples along a pixel's side", ylabel="PSNR against TACTO, dB")
-    by_pose.set(xlabel="share of poses", ylabel="PSNR against TACTO at 2 x 2, dB")
-    for axis in (by_samples, by_pose):
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=7)
-    save(figure, "touch_tacto")
 
 
 def _settings(given: argparse.Namespace, driver: str) -> dict[str, Any]:

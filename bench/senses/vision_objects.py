@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, cpu_seconds, kept, save, subplots
+from bench.record import conclude, cpu_seconds, kept
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.materials import Material
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
@@ -137,7 +137,7 @@ def main() -> None:
         for case in CASES
     }
     materials = {name: scans.material(name).name for name in OBJECTS}
-    conclude("vision_objects", figures(found), settings(materials), COMPARED, draw)
+    conclude("vision_objects", figures(found), settings(materials), COMPARED)
 
 
 COMPARED = (
@@ -351,25 +351,6 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "worst_object_foreground_db": min(row["psnr_foreground_db"] for row in table),
         "missing": missing,
     }
-
-
-def draw(figures: Mapping[str, Any]) -> None:
-    rows = figures["objects"]["within_120"]
-    picture, axes = subplots(figsize=(8, 4.5))
-    for offset, (key, label) in enumerate(
-        (("psnr_db", "VisionNet"), ("psnr_foreground_db", "VisionNet, foreground"))
-    ):
-        values = [row[key] for row in rows.values()]
-        axes.barh(np.arange(len(rows)) - 0.2 + 0.4 * offset, values, height=0.4, label=label)
-    trivial = [max(answer["psnr_db"] for answer in row["trivial"].values()) for row in rows.values()]
-    axes.plot(trivial, np.arange(len(rows)), "k|", markersize=14, label="better trivial answer")
-    floor = [row["noise_floor_db"] for row in rows.values()]
-    axes.plot(floor, np.arange(len(rows)), "r|", markersize=14, label="noise of the truth")
-    axes.set_yticks(np.arange(len(rows)), [name[:24] for name in rows])
-    axes.set(xlabel="PSNR on white, dB", title="Held-out cameras and lights, 128 x 128")
-    axes.invert_yaxis()
-    axes.legend(fontsize=8)
-    save(picture, "vision_objects")
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def test_a_result_says_what_was_compared_and_how_and_names_no_folder(
 
 def test_every_picture_is_of_a_module_and_its_figures() -> None:
     names = record.pictures()
-    assert "vision" in names
+    assert "discretisation" in names
     for name in names:
         assert len([*record.REPOSITORY.glob(f"bench/[fsr]*/{name}.py")]) == 1, name
         assert record.stored(name)["figures"], name
