@@ -20,7 +20,7 @@ from objectfolder.products.provenance import fingerprint
 from objectfolder.products.regular_file import read_regular, require_regular
 from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.stage import Stage
-from pipeline.dataset.verified import FINGERPRINT, Verified
+from pipeline.dataset.verified import Verified
 
 MANIFEST = Path("data/manifest.json")
 PRODUCTS = Path("data/products.csv")
@@ -58,10 +58,8 @@ def list_products(root: Path, stages: Iterable[Stage], verified: Verified) -> li
             verified.md5s(paths.values())  # several at once
             for object_id, path in paths.items():
                 with contextlib.suppress(FormatError, FileNotFoundError):
-                    made_from = verified.attributes(path, (FINGERPRINT,))[FINGERPRINT]
-                    content = verified.md5_and_size(path)
-                    where = f"{kind.folder}/{path.name}"
-                    entries.append(Entry(object_id, stage.name, where, made_from, *content))
+                    content = verified.identity(path)
+                    entries.append(Entry(object_id, stage.name, f"{kind.folder}/{path.name}", *content))
     return entries
 
 

@@ -135,15 +135,27 @@ class Verified:
         FormatError
             It is no regular file.
         """
-        return self.md5_and_size(path)[0]
+        return self._md5(self._product(path), path)
 
-    def md5_and_size(self, path: Path | str) -> tuple[str, int]:
-        """Return the MD5 of a product's bytes, and their number; raises as `md5` does."""
-        entry = self._product(path)
+    def _md5(self, entry: _Product, path: Path | str) -> str:
         if not entry.md5:
             entry.md5 = products.md5_of(path)
             self._changed = True
-        return entry.md5, entry.state[0]
+        return entry.md5
+
+    def identity(self, path: Path) -> tuple[str, str, int]:
+        """Return a product's fingerprint, the MD5 of its bytes, and their number, of one look at it.
+
+        Raises
+        ------
+        FileNotFoundError
+            There is no product.
+        FormatError
+            A file that cannot be read, or lacks a fingerprint.
+        """
+        entry = self._product(path)
+        fingerprint = self._attributes(entry, path, (FINGERPRINT,))[FINGERPRINT]
+        return fingerprint, self._md5(entry, path), entry.state[0]
 
     def md5s(self, paths: Iterable[Path | str]) -> list[str]:
         """Return the MD5 of each of these products, empty for what is no file; many are read at once."""

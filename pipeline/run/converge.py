@@ -18,7 +18,7 @@ from pipeline.dataset.manifest import forget
 from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.products import STATE
 from pipeline.dataset.stage import Row, Stage
-from pipeline.dataset.verified import Verified
+from pipeline.dataset.verified import Verified, without_collector
 from pipeline.run.costs import add_costs
 from pipeline.run.flow import COMPUTED, KEPT, RESTORED, Flow
 from pipeline.run.flow_progress import FlowProgress
@@ -106,7 +106,8 @@ def converge(
     flow = Flow(stages, root, parameters, rows, verified, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
-            jobs = flow.begin()
+            with without_collector():
+                jobs = flow.begin()
             verified.save_code()  # children read it, too
             if jobs:
                 _run(jobs, flow, root, runner_for, record, progress)

@@ -18,7 +18,7 @@ from pipeline.dataset.parameters import PARAMETERS, read_parameters
 from pipeline.dataset.records import read_records, read_table
 from pipeline.dataset.selection import SELECTION, read_selection
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.verified import Verified
+from pipeline.dataset.verified import Verified, without_collector
 from pipeline.run.converge import Summary, converge
 from pipeline.run.damage import set_changed_aside, set_damaged_aside
 from pipeline.run.exclusive import exclusive
@@ -85,13 +85,15 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
         return runner(where, root, jobs, stages)
 
     refused = [FailedObject.of("objects", failure) for failure in selected.refused if "objects" in names]
-    verified, cache, listed = Verified(root), ProductCache(root), read_products(root)
-    cache.add(listed.values())
-    set_damaged_aside(root, listed, verified)
+    with without_collector():
+        verified, cache, listed = Verified(root), ProductCache(root), read_products(root)
+        cache.add(listed.values())
+        set_damaged_aside(root, listed, verified)
     summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others, verified)
-    changed = set_changed_aside(root, listed, summaries, verified)
-    cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), verified))
-    verified.save()
+    with without_collector():
+        changed = set_changed_aside(root, listed, summaries, verified)
+        cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), verified))
+        verified.save()
     if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""
         table = parameters.objects.table
