@@ -35,7 +35,7 @@ def conclude(
     compared: str,
     draw: Callable[[dict[str, Any]], None] | None = None,
 ) -> None:
-    """Write ``NAME.json`` as `write` does. What a page shows is drawn, from the figures that are stored there."""
+    """Write ``NAME.json`` as `write` does; draw what a page shows from the figures that are stored there."""
     path = write(name, figures, settings, compared)
     if draw is not None:
         draw(stored(name)["figures"])
