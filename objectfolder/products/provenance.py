@@ -18,13 +18,15 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError
+from objectfolder.products.canonical import canonical_json as canonical_json
 from objectfolder.products.regular_file import open_regular
 
 PACKAGES = ("objectfolder", "pipeline")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 # Wording of errors and bookkeeping of provenance decide no number of a product.
-NEUTRAL_MODULES = frozenset({"objectfolder.errors", "objectfolder.products.provenance"})
-_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+NEUTRAL_MODULES = frozenset(
+    {"objectfolder.errors", "objectfolder.products.canonical", "objectfolder.products.provenance"}
+)
 _cache: dict[str, Any] = {}
 
 
@@ -42,17 +44,6 @@ class Constant(dict[str, Any]):
     def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, Any]]]:
         """Leave the text out."""
         return dict, (dict(self),)
-
-
-def canonical_json(value: Any) -> str:
-    """Return the one JSON text of `value`: sorted keys, no spaces, no NaN.
-
-    Raises
-    ------
-    TypeError, ValueError
-        A value that JSON cannot hold.
-    """
-    return _CANONICAL.encode(value)
 
 
 def json_lines(value: Any, levels: int, indent: str = "") -> str:

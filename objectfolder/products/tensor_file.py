@@ -18,7 +18,7 @@ import numpy as np
 
 from objectfolder.errors import FormatError
 from objectfolder.products.atomic import write_whole
-from objectfolder.products.provenance import canonical_json
+from objectfolder.products.canonical import canonical_json
 from objectfolder.products.regular_file import open_regular
 
 DTYPES: dict[str, np.dtype[Any]] = {
