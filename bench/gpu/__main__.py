@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.gpu.elastic import elastic_equality, elastic_speed
-from bench.gpu.run import Run, objects, versions
+from bench.gpu.run import KNOWN, LEARNED, Run, objects, versions
 from bench.gpu.sight import sight_equality, sight_speed
 from bench.gpu.sound import hundred_modes, sound
 from bench.gpu.stages import sight_stages, touch_stages
@@ -21,14 +21,14 @@ from bench.gpu.touch import touch_equality, touch_speed
 
 
 def hundred_objects(run: Run) -> dict[str, Any]:
-    """Memory of a hundred objects with all senses: the two examples, fifty times."""
+    """Memory of a hundred objects with all senses: the four examples, 25 times."""
     from objectfolder.batch import Batch
 
     if not run.on_cpu:
         run.torch.cuda.empty_cache()
         run.torch.cuda.reset_peak_memory_stats()
         before = run.torch.cuda.memory_allocated()
-    batch = Batch(objects() * (2 if run.on_cpu else 50), run.device)
+    batch = Batch(objects((*LEARNED, *KNOWN)) * (1 if run.on_cpu else 25), run.device)
     made = batch.touch, batch.sound, batch.sight
     if run.on_cpu:
         return {"objects": len(batch.files)}
@@ -51,13 +51,16 @@ PARTS: dict[str, Callable[[Run], Any]] = {
     "elastic_speed": elastic_speed,
     "hundred_modes": hundred_modes,
     "sight_speed": sight_speed,
+    "known_sight_speed": lambda run: sight_speed(run, KNOWN),
     "touch_equality_single": lambda run: touch_equality(run, "single", 8 if run.on_cpu else 192),
     "touch_equality_double": lambda run: touch_equality(run, "double", 8 if run.on_cpu else 96),
     "elastic_equality": elastic_equality,
     "sound": sound,
     "sight_equality": sight_equality,
+    "known_sight_equality": lambda run: sight_equality(run, KNOWN),
     "touch_stages": touch_stages,
     "sight_stages": sight_stages,
+    "known_sight_stages": lambda run: sight_stages(run, KNOWN),
     "hundred_objects": hundred_objects,
     "touch_speed_double": lambda run: touch_speed(run, "double"),
 }
@@ -70,6 +73,7 @@ SINGLE_QUERIES = {
     "elastic_equality",
     "sound",
     "sight_equality",
+    "known_sight_equality",
 }
 
 

@@ -1,15 +1,15 @@
 """How long each kernel of a query takes."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from bench.gpu.run import Run, objects, touches
+from bench.gpu.run import LEARNED, Run, objects, touches
 
 
 def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
     """Milliseconds of each kernel, and of the networks of sight, synchronised after each."""
-    from objectfolder.batch import elastic, sight
+    from objectfolder.batch import elastic, known_sight, learned_sight, sight_surfaces
     from objectfolder.batch.targets import Body
 
     figures: dict[str, float] = {}
@@ -26,8 +26,9 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
 
     call = Body.__call__
     parts = {
-        "network": (sight._Network, "answer"),
-        "hits": (sight._Rays, "hits"),
+        "network": (learned_sight.Network, "answer"),
+        "bounced": (known_sight.KnownSight, "bounced"),
+        "hits": (sight_surfaces.Rays, "hits"),
         "displacement": (elastic.Layer, "displacement"),
     }
     plain = {name: getattr(*part) for name, part in parts.items()}
@@ -54,10 +55,10 @@ def touch_stages(run: Run) -> dict[str, Any]:
     return {"touches": count, "milliseconds": stages(run, lambda: batch.press(which, points, **asked))}
 
 
-def sight_stages(run: Run) -> dict[str, Any]:
+def sight_stages(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:
     from objectfolder.batch import Batch
 
-    file, count = objects()[0], 2 if run.on_cpu else 1024
+    file, count = objects(names)[0], 2 if run.on_cpu else 1024
     views = file.sample_views(count, seed=5, lit=True)
     cameras, lights = (run.torch.as_tensor(part, device=run.device) for part in views)
     batch = Batch([file], run.device).sight

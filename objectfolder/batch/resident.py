@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from objectfolder.batch import contact_bodies
-from objectfolder.batch.targets import Tensor, torch
+from objectfolder.batch.targets import Tensor, resident, torch
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
 
@@ -21,40 +22,41 @@ def joined(parts: Sequence[np.ndarray], device: torch.device) -> Tensor:
     return upload(np.concatenate(parts), device)
 
 
+def joined_records(
+    records: Sequence[Sequence[np.ndarray]], counted: Sequence[int], device: torch.device
+) -> tuple[Any, ...]:
+    """Copy arrays of several objects to a device, each kind one behind the other, as kernels take them.
+
+    Returns
+    -------
+    offsets, *arrays
+        (objects + 1, counted) int64 where those of each object begin, in the arrays `counted`; the arrays.
+    """
+    sizes = np.array([[len(record[index]) for index in counted] for record in records], dtype=np.int64)
+    offsets = np.concatenate([np.zeros_like(sizes[:1]), np.cumsum(sizes, axis=0)])
+    arrays = (joined(parts, device) for parts in zip(*records, strict=True))
+    return resident(upload(offsets, device)), *map(resident, arrays)
+
+
 @dataclass(frozen=True)
 class ResidentTrees:
     """Triangles of several objects and trees of boxes over them, concatenated.
 
     Parameters
     ----------
-    offsets
-        (objects + 1, 3) int64: where boxes, leaves and faces of each begin.
-    boxes, order, triangles
-        As of `BoundingBoxTree`; faces are counted from the first of their object.
+    arrays
+        (objects + 1, 3) int64 where boxes, leaves and faces of each begin; these as of `BoundingBoxTree`,
+        faces counted from the first of their object.
     """
 
-    offsets: Tensor
-    boxes: Tensor
-    order: Tensor
-    triangles: Tensor
+    arrays: tuple[Any, ...]
 
     @classmethod
     def of(cls, surfaces: Sequence[Surface], device: torch.device) -> "ResidentTrees":
         """Upload surfaces."""
         trees = [surface._tree for surface in surfaces]
-        sizes = [(len(tree.boxes), len(tree.order), len(tree.triangles)) for tree in trees]
-        offsets = np.concatenate([np.zeros((1, 3), dtype=np.int64), np.cumsum(sizes, axis=0)])
-        return cls(
-            upload(offsets, device),
-            joined([tree.boxes for tree in trees], device),
-            joined([tree.order for tree in trees], device),
-            joined([tree.triangles for tree in trees], device),
-        )
-
-    @property
-    def arrays(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """The parameters, as kernels take them."""
-        return self.offsets, self.boxes, self.order, self.triangles
+        records = [(tree.boxes, tree.order, tree.triangles) for tree in trees]
+        return cls(joined_records(records, range(3), device))
 
     def closest(self, objects: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         """Return the nearest face (n,) to each point (n, 3), and barycentric coordinates (n, 3) there."""

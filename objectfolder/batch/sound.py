@@ -6,8 +6,7 @@ multiplied in single precision on the device, without TF32.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -18,7 +17,7 @@ from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.sources import Source
 from objectfolder.audio.synthesis.struck_body import CONTACT
 from objectfolder.batch.resident import ResidentTrees, numbers, object_indices, upload
-from objectfolder.batch.targets import Tensor, checked_device, torch
+from objectfolder.batch.targets import Tensor, checked_device, full_precision, torch
 from objectfolder.errors import QueryError
 
 # Numbers of one product's left side.
@@ -210,14 +209,3 @@ def _covariance(a: Tensor, b: Tensor) -> Tensor:
     r = first @ (-2 * second.T) + (first * first).sum(1)[:, None] + (second * second).sum(1)
     r = r.clamp(min=0.0).sqrt()
     return torch.exp(-r) * (((r / 15 + 0.4) * r + 1) * r + 1) * (a[:, :3] @ b[:, :3].T + 1)
-
-
-@contextmanager
-def full_precision() -> Iterator[None]:
-    """Multiply matrices without TF32, whose factors have ten bits."""
-    before = torch.get_float32_matmul_precision()
-    torch.set_float32_matmul_precision("highest")
-    try:
-        yield
-    finally:
-        torch.set_float32_matmul_precision(before)

@@ -8,7 +8,8 @@ calls is compiled by numba for both targets. This module alone names numba-cuda.
 # mypy: disable-error-code="no-untyped-def"
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property, lru_cache
 from types import FunctionType
 from typing import Any
@@ -46,9 +47,9 @@ def kernel(from_row, all_rows, all_columns, {names}):
 
 def scalar(function: Callable[..., Any]) -> Any:
     """Compile what bodies call, for either target."""
-    # Without what only callers in C or makers of arrays need, which takes time to compile.
-    options = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True, "_nrt": False}
-    return numba.njit(function, **options)
+    # Without what only callers in C or Python or makers of arrays need, which takes time to compile.
+    wrappers = {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+    return numba.njit(function, error_model="numpy", nogil=True, _nrt=False, **wrappers)
 
 
 def compiled_copy(function: Callable[..., Any], **called: Any) -> Any:
@@ -199,3 +200,14 @@ def checked_device(device: str | torch.device) -> torch.device:
         reason = str(error).strip().splitlines()[-1:] or [type(error).__name__]
         raise QueryError("device", f"numba-cuda cannot use it: {reason[0]}", "Use 'cpu'.") from error
     return place
+
+
+@contextmanager
+def full_precision() -> Iterator[None]:
+    """Multiply matrices without TF32, whose factors have ten bits."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("highest")
+    try:
+        yield
+    finally:
+        torch.set_float32_matmul_precision(before)

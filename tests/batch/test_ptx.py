@@ -10,9 +10,10 @@ import numba
 import numpy as np
 import pytest
 import torch
+from known_corner import known_corner
 
 import objectfolder
-from objectfolder.batch import Batch, elastic_bodies, targets
+from objectfolder.batch import Batch, SightBatch, elastic_bodies, targets
 from objectfolder.batch.elastic_bodies import membrane_body
 from objectfolder.batch.pixels import pixel_body
 
@@ -53,7 +54,8 @@ def kernels():
         touch.press(0, np.zeros((1, 3)), force_n=1.0, steps=1)
         touch.penetrations(0, np.eye(4)[None])
     cameras, lights = bell.sample_views(1)
-    Batch([bell], "cpu").sight.render(0, cameras, lights, 4)
+    for sight in bell.sight, known_corner():
+        SightBatch([sight], "cpu").render(0, cameras, lights, 4)
     patch.undo()
     return met
 
@@ -71,8 +73,9 @@ def test_all_kernels_compile_for_a_card_that_is_not_there(kernels, monkeypatch):
     cuda = toolkit()
     assert {body.name for body in kernels["double"]} == {
         "locate", "find", "stand", "advance", "penetrate", "fit", "count", "project", "pixel", "lean",
-        "gap", "exceed", "descend", "compare", "deform", "membrane", "cast", "light",
-        "inputs", "mirror", "reflect", "colour", "blend", "uneven",
+        "gap", "exceed", "descend", "compare", "deform", "membrane", "cast", "light", "bend",
+        "inputs", "mirror", "reflect", "colour", "send", "spread", "substance", "radiate", "scatter",
+        "gather", "blend", "uneven",
     }  # fmt: skip
     for body, types in {*kernels["single"].items(), *kernels["double"].items()}:
         assert ".target sm_90" in ptx(cuda, monkeypatch, body, types, (9, 0), False), body.name

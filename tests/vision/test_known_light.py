@@ -17,7 +17,7 @@ from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.appearance import Appearance
+from objectfolder.vision.appearance import THIN, Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lattice_values import LatticeLookup
@@ -193,11 +193,12 @@ def test_light_is_computed_where_base_colours_are_stated_and_else_learned(small_
         fit("guessed", maps)
 
 
-def test_versions_tell_files_apart_and_what_needs_a_network_is_refused(small_file: Path):
+def test_versions_tell_files_apart_and_batches_refuse_thin_glass(small_file: Path):
     file = ObjectFile.load(small_file)
     assert file.content().metadata["format_version"] == "3"
     net = known()
     file.sight.net = net
     assert file.content().metadata["format_version"] == "4"
-    with pytest.raises(QueryError, match="computed"):
+    file.sight.net.glass = THIN
+    with pytest.raises(QueryError, match="thin glass"):
         SightBatch([file.sight], "cpu")

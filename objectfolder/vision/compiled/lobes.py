@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.jit import kernel
+from objectfolder.jit import arrayless, kernel
 
 # Irrational steps of a sequence that fills the unit square evenly (Roberts 2018).
 SEQUENCE_STEPS = (0.7548776662466927, 0.5698402909980532)
@@ -49,20 +49,33 @@ def scattered(cast: Cast) -> tuple[np.ndarray, np.ndarray]:
     return first, second
 
 
-def stepped(starts: tuple[np.ndarray, np.ndarray], sample: int) -> list[np.ndarray]:
+def stepped(starts: tuple[np.ndarray, np.ndarray], sample: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers (n,) of a point's direction `sample`, from those that `scattered` returned."""
-    return [(start + sample * step) % 1.0 for start, step in zip(starts, SEQUENCE_STEPS, strict=True)]
+    first, second = (
+        (start + sample * step) % 1.0 for start, step in zip(starts, SEQUENCE_STEPS, strict=True)
+    )
+    return first, second
 
 
-@kernel
-def lobe_directions(normal, facet, to_camera, alpha2, first, second, least_cosine):
+def lobe_directions(
+    normal: np.ndarray, facet: np.ndarray, to_camera: np.ndarray, alpha2: np.ndarray, first: np.ndarray,
+    second: np.ndarray, least_cosine: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Draw directions (n, 3) from GGX lobes, and their densities (n,) over solid angle, 0 below the surface.
 
-    Half vectors are drawn as the camera sees them (Heitz 2018), of lobes of squared widths `alpha2` (n,).
+    Half vectors are drawn as the camera sees them (Heitz 2018), of lobes of squared widths `alpha2` (n,), by
+    two numbers (n,) of [0, 1) each.
     """
-    count = len(normal)
-    direction, density = np.zeros((count, 3)), np.zeros(count)
-    for i in range(count):
+    answer = np.zeros(normal.shape), np.zeros(len(normal))
+    _lobe_directions((normal, facet, to_camera), alpha2, (first, second), least_cosine, answer)
+    return answer
+
+
+@arrayless(kernel)
+def _lobe_directions(points, alpha2, drawn, least_cosine, answer):
+    """Write the answer of `lobe_directions`, which is 0 at first."""
+    (normal, facet, to_camera), (first, second), (direction, density) = points, drawn, answer
+    for i in range(len(normal)):
         square = alpha2[i]
         alpha = math.sqrt(square)
         nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
@@ -101,4 +114,3 @@ def lobe_directions(normal, facet, to_camera, alpha2, first, second, least_cosin
         width = square * hz * hz + hx * hx + hy * hy
         masked = vz + math.sqrt(square + (1.0 - square) * vz * vz)
         density[i] = square / (math.pi * width * width) / (2.0 * masked)
-    return direction, density

@@ -1,0 +1,244 @@
+"""Colours of points of known material: light in closed form, light by way of the surface, and its gloss.
+
+Each function computes one point, direction or site by the kernels of a single view; see `sight_bodies`.
+"""
+
+# Bodies are compiled for the types they meet.
+# mypy: disable-error-code="no-untyped-def"
+
+import math
+from collections import namedtuple
+from typing import Any
+
+import numpy as np
+
+from objectfolder.batch.sight_bodies import (
+    PLACE,
+    SHADE,
+    TRACE,
+    Lattices,
+    Meshes,
+    Place,
+    Rays,
+    Seen,
+    Shade,
+    Stored,
+    Trace,
+    Volumes,
+    bent_share,
+    lattice_of,
+    meet,
+    place_on,
+    shine,
+    volumes_of,
+)
+from objectfolder.batch.targets import Body, scalar
+from objectfolder.vision.compiled.lattice_values import _interpolate, _mix
+from objectfolder.vision.compiled.lighting import Triangles
+from objectfolder.vision.compiled.lobes import SEQUENCE_STEPS, _lobe_directions
+from objectfolder.vision.compiled.principled import LEAST_ROUGHNESS, _reflected, _terms
+from objectfolder.vision.compositing import SRGB_KNEE
+from objectfolder.vision.network.incidence import SELF_OFFSET
+from objectfolder.vision.network.network_layout import LEAST_COSINE
+from objectfolder.vision.network.surface_maps import MAP_WHOLE
+
+# Levels of a map from 0 to 1, alike for albedo, roughness and metallic.
+WHOLE = MAP_WHOLE["albedo"]
+FIRST_STEP, SECOND_STEP = SEQUENCE_STEPS
+
+# Of objects: roughness and metallic where no map has them, and whether one does; `Principled`'s tables, and
+# its upright reflection, the mean of it and index.
+Looks = namedtuple("Looks", "constants mapped white mean rise levels")
+# Sites of all objects, and points at which light is asked for them: those of a site follow one another.
+# `rows` are the first site of each object.
+Sites = namedtuple("Sites", "rows starts face barycentric position normal upright side albedo")
+# Lamps of objects.
+Lamps = namedtuple("Lamps", "objects places")
+# Objects of views, and numbers of their lamps.
+Shown = namedtuple("Shown", "objects places lamp")
+# Of points: terms of `Principled`, and the base colour.
+Substance = namedtuple("Substance", "terms base")
+# Directions of a point's gloss, and two numbers from which they are drawn.
+Drawn = namedtuple("Drawn", "samples first second")
+# Working memory.
+Base = namedtuple("Base", "colour levels three rough metal")
+Lobe = namedtuple("Lobe", "facet towards width u v density row even gloss")
+Light = namedtuple("Light", "row to_light even gloss three")
+
+
+@scalar
+def decoded(value):
+    """As `compositing.srgb_decode`."""
+    value = min(max(value, 0.0), 1.0)
+    return value / 12.92 if value <= 12.92 * SRGB_KNEE else ((value + 0.055) / 1.055) ** 2.4
+
+
+def _substance(
+    point, seen: Seen, objects, looks: Looks, stored: Stored, albedo: Lattices, others: Lattices,
+    substance: Substance, place: Place, base: Base,
+):  # fmt: skip
+    """Write terms and base colour of a point: `KnownLight.features`."""
+    ray = seen.ray_of[point]
+    number = objects[seen.view_of[ray]]
+    place_on(stored, number, seen.face[ray], seen.barycentric[ray], place)
+    places, values = lattice_of(albedo, number)
+    _interpolate(places, values, place.parent, place.inside, base.three)
+    for c in range(3):
+        base.colour[0, c] = decoded(base.three[0, c] / WHOLE)
+        substance.base[point, c] = base.colour[0, c]
+    base.rough[0], base.metal[0] = looks.constants[number, 0], looks.constants[number, 1]
+    if looks.mapped[number, 0] or looks.mapped[number, 1]:
+        places, values = lattice_of(others, number)
+        _interpolate(places, values, place.parent, place.inside, base.levels)
+        if looks.mapped[number, 0]:
+            base.rough[0] = base.levels[0, 0] / WHOLE
+        if looks.mapped[number, 1]:
+            base.metal[0] = base.levels[0, 1] / WHOLE
+    row, levels = slice(point, point + 1), looks.levels[number]
+    _terms(
+        seen.normal[row], seen.direction[ray : ray + 1], (base.colour, base.rough, base.metal),
+        (looks.white[number], looks.mean[number], looks.rise[number]), levels[0], levels[1], LEAST_ROUGHNESS,
+        substance.terms[row],
+    )  # fmt: skip
+
+
+def _radiate(
+    point, seen: Seen, shown: Shown, looks: Looks, substance: Substance, bounced: Lattices, fields, radiance,
+    light: Light,
+):  # fmt: skip
+    """Write what (points, 3) a point sends of the lamp, reflected once or by way of the surface."""
+    ray, row = seen.ray_of[point], slice(point, point + 1)
+    view, beam = seen.view_of[ray], slice(ray, ray + 1)
+    number, squared = shown.objects[view], 0.0
+    for axis in range(3):
+        light.to_light[0, axis] = shown.places[view, axis] - seen.position[point, axis]
+        squared += light.to_light[0, axis] * light.to_light[0, axis]
+        light.even[0, axis], light.gloss[0, axis], light.three[0, axis] = 0.0, 0.0, 0.0
+    for axis in range(3):
+        light.to_light[0, axis] /= max(math.sqrt(squared), 1e-9)
+    light.row[0] = 0
+    if seen.irradiance[point] != 0.0:
+        _reflected(
+            (light.row, light.to_light), seen.normal[row], seen.upright[row], seen.direction[beam],
+            substance.terms[row], looks.levels[number, 2], light.even, light.gloss,
+        )  # fmt: skip
+    places, some = lattice_of(bounced, number)
+    if len(some):
+        _interpolate(places, fields[shown.lamp[view]], seen.face[beam], seen.barycentric[beam], light.three)
+    for c in range(3):
+        once = substance.base[point, c] * light.even[0, c] + light.gloss[0, c]
+        again = substance.base[point, c] * substance.terms[point, 2] * light.three[0, c]
+        radiance[point, c] = seen.irradiance[point] * once + again
+
+
+def _scatter(
+    number, seen: Seen, objects, looks: Looks, substance: Substance, drawn: Drawn, volumes: Volumes, facets,
+    met: Rays, share, lobe: Lobe, trace: Trace,
+):  # fmt: skip
+    """Write a direction of a point's gloss, what it meets, and what share of that is sent on."""
+    point, sample = number // drawn.samples, number % drawn.samples
+    ray, row = seen.ray_of[point], slice(point, point + 1)
+    view, one = seen.view_of[ray], slice(number, number + 1)
+    own, first, _ = volumes_of(volumes, objects[view])
+    for axis in range(3):
+        lobe.facet[0, axis] = seen.side[point] * facets[first + seen.face[ray], axis]
+        lobe.towards[0, axis] = -seen.direction[ray, axis]
+        trace.origin[0, axis] = seen.position[point, axis] + SELF_OFFSET * lobe.facet[0, axis]
+        met.direction[number, axis], share[number, axis] = 0.0, 0.0
+    lobe.u[0] = (drawn.first[point] + sample * FIRST_STEP) % 1.0
+    lobe.v[0] = (drawn.second[point] + sample * SECOND_STEP) % 1.0
+    lobe.width[0], lobe.density[0], lobe.row[0] = substance.terms[point, 0], 0.0, 0
+    met.view_of[number], met.face[number] = view, -1
+    _lobe_directions(
+        (seen.normal[row], lobe.facet, lobe.towards), lobe.width, (lobe.u, lobe.v), LEAST_COSINE,
+        (met.direction[one], lobe.density),
+    )  # fmt: skip
+    if not lobe.density[0] > 0:
+        return
+    _reflected(
+        (lobe.row, met.direction[one]), seen.normal[row], seen.upright[row], seen.direction[ray : ray + 1],
+        substance.terms[row], looks.levels[objects[view], 2], lobe.even, lobe.gloss,
+    )  # fmt: skip
+    cosine = 0.0
+    for axis in range(3):
+        cosine += met.direction[number, axis] * seen.normal[point, axis]
+    for c in range(3):
+        share[number, c] = lobe.gloss[0, c] * cosine / (drawn.samples * math.pi * lobe.density[0])
+    meet(number, own, met, trace)
+
+
+def _gather(point, samples, row_of, share, sent, radiance):
+    """Add what the gloss of a point shows; `row_of` directions are rows of `sent` (n, 3), or -1."""
+    for number in range(point * samples, (point + 1) * samples):
+        if row_of[number] >= 0:
+            for c in range(3):
+                radiance[point, c] += share[number, c] * sent[row_of[number], c]
+
+
+def _send(
+    lamp, site, lamps: Lamps, bends, volumes: Volumes, meshes: Meshes, sites: Sites, sending, arriving,
+    shade: Shade,
+):  # fmt: skip
+    """Write what (sites, lamps, 3) a site sends of the light that reaches it straight from a lamp."""
+    number, place = lamps.objects[lamp], lamps.places[lamp : lamp + 1]
+    row = sites.rows[number] + site
+    for c in range(3):
+        sending[site, lamp, c] = np.float32(0.0)
+    if row >= sites.rows[number + 1]:
+        return
+    own, first, end = volumes_of(volumes, number)
+    surface = Triangles(
+        meshes.corners[first:end], meshes.corner_normals[first:end], meshes.facets[first:end]
+    )  # fmt: skip
+    red, green, blue, start, after = 0.0, 0.0, 0.0, sites.starts[row], sites.starts[row + 1]
+    for k in range(start, after):
+        one = slice(k, k + 1)
+        met = (
+            sites.face[one],
+            sites.barycentric[one],
+            sites.position[one],
+            sites.upright[one],
+            sites.side[one],
+        )
+        shine(own, surface, met, place, arriving, shade)
+        if arriving[0] > 0:
+            if bends[number]:
+                arriving[0] *= bent_share(sites.upright[k], sites.normal[k], sites.position[k], place[0])
+            red += arriving[0] * sites.albedo[k, 0]
+            green += arriving[0] * sites.albedo[k, 1]
+            blue += arriving[0] * sites.albedo[k, 2]
+    count = max(after - start, 1)
+    sending[site, lamp, 0] = red / count
+    sending[site, lamp, 1] = green / count
+    sending[site, lamp, 2] = blue / count
+
+
+def _spread(lamp, value, objects, total, bounced: Lattices, shares, fields):
+    """Write what (lamps, values, 3) arrives at a place of the lattice from the sites nearest to it."""
+    some = bounced.offsets[objects[lamp]], bounced.offsets[objects[lamp] + 1]
+    row = some[0][2] + value
+    if row < some[1][2]:
+        one = slice(row, row + 1)
+        _mix(total[lamp], bounced.values[one], shares[one], fields[lamp, value : value + 1])
+
+
+LIGHT: dict[str, Any] = {
+    "row": ((1,), np.int64),
+    "to_light": ((1, 3), np.float64),
+    "even": ((1, 3), np.float32),
+    "gloss": ((1, 3), np.float32),
+    "three": ((1, 3), np.float64),
+}
+substance = Body(
+    _substance, 1, **PLACE, colour=((1, 3), np.float64), levels=((1, 4), np.float64),
+    three=((1, 3), np.float64), rough=((1,), np.float64), metal=((1,), np.float64),
+)  # fmt: skip
+radiate = Body(_radiate, 1, **LIGHT)
+scatter = Body(
+    _scatter, 1, **TRACE, facet=((1, 3), np.float64), towards=((1, 3), np.float64),
+    width=((1,), np.float64), u=((1,), np.float64), v=((1,), np.float64), density=((1,), np.float64),
+    row=((1,), np.int64), even=((1, 3), np.float32), gloss=((1, 3), np.float32),
+)  # fmt: skip
+gather = Body(_gather)
+send = Body(_send, 2, **SHADE, arriving=((1,), np.float64))
+spread = Body(_spread, 2)

@@ -1,0 +1,188 @@
+"""Colours of points of known material: `KnownLight` on a device.
+
+Light is reflected once in closed form. What the surface sends onto itself follows from radiosity between
+sites, whose exchange is found on the host when the objects are uploaded; each lamp of a query is solved on
+the device. In its gloss a point shows the surface along directions drawn from its highlight.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from objectfolder.batch import known_bodies
+from objectfolder.batch.resident import joined_records, upload
+from objectfolder.batch.sight_surfaces import LATTICE_COUNTED, MAPS, Points, Rays, Scene, Surfaces, on_lattice
+from objectfolder.batch.targets import Tensor, full_precision, torch
+from objectfolder.vision.compiled.known_light import GLOSS_BOUNCES, OFFSET, KnownLight
+from objectfolder.vision.compiled.lobes import Cast, scattered
+from objectfolder.vision.compiled.principled import PRINCIPLED_TERMS
+from objectfolder.vision.compiled.radiosity import BOUNCES, SITE_NEIGHBOURS, SITES, Radiosity
+from objectfolder.vision.visionnet.visionnet import VisionNet
+
+Arrays = tuple[np.ndarray, ...]
+# Numbers of views' lamps, and what these send by way of the surface.
+Bounced = tuple[Tensor, Tensor]
+
+
+class KnownSight:
+    """Materials and radiosity of the last objects of some surfaces.
+
+    Parameters
+    ----------
+    surfaces
+        Of all objects.
+    nets, lights
+        VisionNets of all, and the light of those of known material, None for the others.
+    """
+
+    def __init__(
+        self, surfaces: Surfaces, nets: Sequence[VisionNet], lights: Sequence[KnownLight | None]
+    ) -> None:
+        self._surfaces, self._device = surfaces, (place := surfaces.device)
+        # Directions of a ray's gloss, as where a single view is even.
+        self._samples = max(light.samples[0] for light in lights if light is not None)
+        solved = [None if light is None else light._radiosity for light in lights]
+        self._looks = joined_records([_look(*pair) for pair in zip(nets, lights, strict=True)], (), place)[1:]
+        albedo = [_albedo(net) if light else on_lattice(None, NO_COLOUR)
+                  for net, light in zip(nets, lights, strict=True)]  # fmt: skip
+        self._albedo = joined_records(albedo, LATTICE_COUNTED, place)
+        *bounced, shares = zip(*map(_bounced, solved), strict=True)
+        self._bounced = joined_records(list(zip(*bounced, strict=True)), LATTICE_COUNTED, place)
+        self._shares = upload(np.concatenate(shares), place)
+        self._values = max(len(part) for part in shares)
+        counts = [0 if each is None else SITES for each in solved]
+        ordered = [(np.zeros(0, np.int64), *NO_SITES) if each is None else _sites(each) for each in solved]
+        starts, *points = zip(*ordered, strict=True)
+        ends = np.cumsum(np.concatenate([[0], *starts]))
+        rows = np.cumsum([0, *counts])
+        self._sites = (
+            upload(rows, place), upload(ends, place),
+            *(upload(np.concatenate(column), place) for column in points),
+        )  # fmt: skip
+        self._exchange = [
+            None if each is None else (upload(each._exchange, place), upload(each._albedo, place).float())
+            for each in solved
+        ]
+        self._radiance = upload(np.array([net.radiance_scale for net in nets], dtype=np.float32), place)
+
+    def bounced(self, scene: Scene) -> Bounced:
+        """Return the number (views,) of each view's lamp, and what it sends by way of the surface.
+
+        The latter is (lamps, values, 3) float32 irradiance at places of the lattices of radiosity.
+        """
+        keys = torch.cat([scene.objects[:, None].double(), scene.lights], dim=1)
+        lamps, number = torch.unique(keys, dim=0, return_inverse=True)
+        objects, places = lamps[:, 0].long(), lamps[:, 1:].contiguous()
+        sending = torch.empty((SITES, len(lamps), 3), dtype=torch.float32, device=self._device)
+        known_bodies.send(
+            (len(lamps), SITES), objects, places, self._surfaces.bends, *self._surfaces.volumes,
+            *self._surfaces.triangles, *self._sites, sending,
+        )  # fmt: skip
+        total = torch.zeros_like(sending)
+        ends = torch.searchsorted(
+            objects, torch.arange(self._surfaces.count + 1, device=self._device)
+        ).tolist()
+        for exchange, start, end in zip(self._exchange, ends, ends[1:], strict=False):
+            if exchange is not None and start < end:
+                share, albedo = exchange
+                part = sending[:, start:end]
+                for _ in range(BOUNCES):
+                    with full_precision():
+                        reached = (share @ part.reshape(SITES, -1)).reshape(part.shape)
+                    total[:, start:end] += reached
+                    part = albedo[:, None] * reached
+        fields = torch.zeros((len(lamps), self._values, 3), dtype=torch.float32, device=self._device)
+        total = total.transpose(0, 1).contiguous()
+        known_bodies.spread(
+            (len(lamps), self._values), objects, total, *self._bounced, self._shares, fields
+        )  # fmt: skip
+        return number, fields
+
+    def shade(
+        self, scene: Scene, points: Points, cast: Cast, bounced: Bounced,
+        colours: Tensor,
+    ) -> None:  # fmt: skip
+        """Write the colours of rays that meet points; `cast` says where each is in its image."""
+        radiance = self._radiated(scene, points, cast, bounced, self._samples, GLOSS_BOUNCES)
+        scale = self._radiance[scene.objects[points.rays.view[points.ray]]]
+        colours[points.ray, :3] = radiance * scale[:, None]
+        colours[points.ray, 3] = 1.0
+
+    def _radiated(
+        self, scene: Scene, points: Points, cast: Cast, bounced: Bounced, samples: int,
+        times: int,
+    ) -> Tensor:  # fmt: skip
+        """Return what (n, 3) float32 points send, showing others in their gloss `times`."""
+        count = len(points.ray)
+        terms = torch.empty((count, PRINCIPLED_TERMS), dtype=torch.float32, device=self._device)
+        base, radiance = (torch.empty((count, 3), dtype=torch.float32, device=self._device) for _ in range(2))
+        known_bodies.substance(
+            count, *points.arrays, scene.objects, *self._looks, *self._surfaces.stored, *self._albedo,
+            *self._surfaces.maps, terms, base,
+        )  # fmt: skip
+        known_bodies.radiate(
+            count, *points.arrays, scene.objects, scene.lights, bounced[0], *self._looks, terms, base,
+            *self._bounced, bounced[1], radiance,
+        )  # fmt: skip
+        if times == 0 or samples == 0:
+            return radiance
+        starts: Any = scattered(cast)
+        drawn = [part.double() for part in starts]
+        rays = Rays.empty(count * samples, self._device)
+        share = torch.empty((count * samples, 3), dtype=torch.float32, device=self._device)
+        known_bodies.scatter(
+            count * samples, *points.arrays, scene.objects, *self._looks, terms, base, samples, *drawn,
+            *self._surfaces.volumes, self._surfaces.triangles[2], *rays.arrays, share,
+        )  # fmt: skip
+        met = self._surfaces.lit(scene, rays)
+        row = torch.full((count * samples,), -1, dtype=torch.int64, device=self._device)
+        row[met.ray] = torch.arange(len(met.ray), device=self._device)
+        shown_by = met.ray // samples
+        order = (1 + cast.order[shown_by]) * OFFSET + met.ray % samples
+        again = Cast(cast.columns[shown_by], cast.rows[shown_by], order, cast.count)
+        sent = self._radiated(scene, met, again, bounced, 1, times - 1)
+        known_bodies.gather(count, samples, row, share, sent, radiance)
+        return radiance
+
+
+NO_COLOUR = np.zeros((0, 3), dtype=np.uint8)
+# Of the points of sites: faces, barycentric coordinates, positions, normals as maps bend them and without,
+# sides, albedo.
+NO_SITES = (np.zeros(0, np.int64), *[np.zeros((0, 3))] * 4, np.zeros(0), np.zeros((0, 3)))
+
+
+def _albedo(net: VisionNet) -> Arrays:
+    assert net._maps is not None
+    return on_lattice(net._maps.lattice("albedo"), net._maps.levels["albedo"])
+
+
+def _look(net: VisionNet, light: KnownLight | None) -> Arrays:
+    """Return a row of each array of `known_bodies.Looks`."""
+    if light is None or net._appearance is None:
+        return (np.zeros((1, 2)), np.zeros((1, 2), bool), np.zeros((1, 32, 32)), np.zeros((1, 32)),
+                np.zeros((1, 16, 16)), np.zeros((1, 3)))  # fmt: skip
+    own, level = net._appearance, light._principled
+    mapped = [net._material.mapped(name) for name in list(MAPS)[:2]]
+    numbers = level._upright, level._upright_mean, level._index
+    return (
+        np.array([[own.roughness, own.metallic]]), np.array([mapped]), level._white[None], level._mean[None],
+        level._rise[None], np.array([numbers]),
+    )  # fmt: skip
+
+
+def _bounced(radiosity: Radiosity | None) -> Arrays:
+    """Return the lattice of radiosity, the sites near to its values, and their shares."""
+    if radiosity is None:
+        return *on_lattice(None, np.zeros((0, SITE_NEIGHBOURS), np.int64)), np.zeros((0, SITE_NEIGHBOURS))
+    return *radiosity._lookup._places, radiosity._near, radiosity._share
+
+
+def _sites(radiosity: Radiosity) -> Arrays:
+    """Return how many points each site has, and these in order."""
+    order, points = np.argsort(radiosity._site, kind="stable"), radiosity._points
+    columns = (
+        points.face, points.barycentric, points.position, points.normal, points.upright, points.side,
+        radiosity._point_albedo,
+    )  # fmt: skip
+    return np.bincount(radiosity._site, minlength=SITES), *(column[order] for column in columns)
