@@ -44,8 +44,7 @@ class KnownSight:
         self._samples = max(light.samples[0] for light in lights if light is not None)
         solved = [None if light is None else light._radiosity for light in lights]
         self._looks = joined_records([_look(*pair) for pair in zip(nets, lights, strict=True)], (), place)[1:]
-        albedo = [_albedo(net) if light else on_lattice(None, NO_COLOUR)
-                  for net, light in zip(nets, lights, strict=True)]  # fmt: skip
+        albedo = [_albedo(net) if net.computed else on_lattice(None, NO_COLOUR) for net in nets]
         self._albedo = joined_records(albedo, LATTICE_COUNTED, place)
         *bounced, shares = zip(*map(_bounced, solved), strict=True)
         self._bounced = joined_records(list(zip(*bounced, strict=True)), LATTICE_COUNTED, place)
@@ -53,26 +52,24 @@ class KnownSight:
         self._values = max(len(part) for part in shares)
         counts = [0 if each is None else SITES for each in solved]
         ordered = [(np.zeros(0, np.int64), *NO_SITES) if each is None else _sites(each) for each in solved]
-        starts, *points = zip(*ordered, strict=True)
-        ends = np.cumsum(np.concatenate([[0], *starts]))
-        rows = np.cumsum([0, *counts])
-        self._sites = (
-            upload(rows, place), upload(ends, place),
-            *(upload(np.concatenate(column), place) for column in points),
-        )  # fmt: skip
+        starts, *points = (np.concatenate(column) for column in zip(*ordered, strict=True))
+        rows, ends = np.cumsum([0, *counts]), np.cumsum([0, *starts])
+        self._sites = tuple(upload(column, place) for column in (rows, ends, *points))
         self._exchange = [
             None if each is None else (upload(each._exchange, place), upload(each._albedo, place).float())
             for each in solved
         ]
         self._radiance = upload(np.array([net.radiance_scale for net in nets], dtype=np.float32), place)
 
-    def bounced(self, scene: Scene) -> Bounced:
+    def bounced(self, scene: Scene, first: int) -> Bounced:
         """Return the number (views,) of each view's lamp, and what it sends by way of the surface.
 
-        The latter is (lamps, values, 3) float32 irradiance at places of the lattices of radiosity.
+        The latter is (lamps, values, 3) float32 irradiance at places of the lattices of radiosity. Views
+        before `first` show learned objects, and their numbers mean nothing.
         """
-        keys = torch.cat([scene.objects[:, None].double(), scene.lights], dim=1)
-        lamps, number = torch.unique(keys, dim=0, return_inverse=True)
+        keys = torch.cat([scene.objects[first:, None].double(), scene.lights[first:]], dim=1)
+        lamps, inverse = torch.unique(keys, dim=0, return_inverse=True)
+        number = torch.nn.functional.pad(inverse, (first, 0))
         objects, places = lamps[:, 0].long(), lamps[:, 1:].contiguous()
         sending = torch.empty((SITES, len(lamps), 3), dtype=torch.float32, device=self._device)
         known_bodies.send(
@@ -100,9 +97,8 @@ class KnownSight:
         return number, fields
 
     def shade(
-        self, scene: Scene, points: Points, cast: Cast, bounced: Bounced,
-        colours: Tensor,
-    ) -> None:  # fmt: skip
+        self, scene: Scene, points: Points, cast: Cast, bounced: Bounced, colours: Tensor
+    ) -> None:
         """Write the colours of rays that meet points; `cast` says where each is in its image."""
         radiance = self._radiated(scene, points, cast, bounced, self._samples, GLOSS_BOUNCES)
         scale = self._radiance[scene.objects[points.rays.view[points.ray]]]

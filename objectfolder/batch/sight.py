@@ -137,7 +137,9 @@ class SightBatch:
         image = tuple(
             torch.empty((count, channels), dtype=torch.float32, device=self.device) for channels in (4, 3)
         )
-        bounced = None if self._by_material is None else self._by_material.bounced(scene)
+        bounced, first = None, int(torch.searchsorted(scene.objects, self._learned))
+        if self._by_material is not None and first < len(scene.objects):
+            bounced = self._by_material.bounced(scene, first)
         middle = torch.full((1, 2), 0.5, dtype=torch.float64, device=self.device)
         self._along(scene, size, _tiled(count, size, self.device), middle, bounced, image)
         if sub_rays > 1:

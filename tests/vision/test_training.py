@@ -14,6 +14,7 @@ from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, un
 from objectfolder.vision.compositing import composite_on_white, srgb_encode
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
 from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, highlight
+from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.truth.render_request import LIGHT_POWER_W
 from objectfolder.vision.visionnet.fitting import (
     FEW_RAYS,
@@ -24,6 +25,9 @@ from objectfolder.vision.visionnet.fitting import (
 )
 from objectfolder.vision.visionnet.training import (
     LEAST_ALPHA,
+    Adam,
+    Priors,
+    _loss,
     display_loss,
     encoded_slope,
     trace_training_rays,
@@ -155,6 +159,18 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     assert one.keys() == again.keys()
     assert all(one[name].tobytes() == again[name].tobytes() for name in one)
     assert any(one[name].tobytes() != other[name].tobytes() for name in one)
+
+
+def test_a_step_on_another_device_leaves_no_number_on_the_processor():
+    case = CASES["an object of several components"]
+    rays = trace_training_rays(UnitSurface(case.surface(), FRAME), case.views(4, 1), 4, 400, 0)
+    grid = SparseGrid.of_points(rays.position, 16)
+    network = Reflectance(grid.sizes).to("meta")  # a device without numbers, which mixes with no other
+    batch = np.arange(32)
+    loss = _loss(network, grid, rays, batch, 1.0, Priors(0.3, 1e-3), np.random.default_rng(0))
+    loss.backward()
+    Adam(network.parameters()).step(1e-2)
+    assert all(parameter.device.type == "meta" for parameter in network.parameters())
 
 
 def test_at_most_as_many_pixels_are_traced_as_asked():

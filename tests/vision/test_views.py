@@ -8,6 +8,7 @@ from kept_renderers import render_in_kept
 from vision_shapes import cube, sphere
 
 from objectfolder import child_process
+from objectfolder.device import DEVICE
 from objectfolder.errors import InputError, SimulationError
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
@@ -215,6 +216,14 @@ def test_a_failed_render_process_says_why(monkeypatch):
     monkeypatch.setattr(child_process.sys, "executable", "/bin/false")
     shots = Shots(look_at(np.array([[0, 0, 2.5]])), np.array([[0.0, 0, 1]]), np.array([0]), 1, 8, 8, 40.0)
     with pytest.raises(SimulationError, match="status 1"):
+        render_in_children(scene_of(cube()), shots)
+
+
+@pytest.mark.slow
+def test_a_device_that_blender_does_not_have_is_named(monkeypatch):
+    monkeypatch.setenv(DEVICE, "ABACUS")
+    shots = Shots(look_at(np.array([[0, 0, 2.5]])), np.array([[0.0, 0, 1]]), np.array([0]), 1, 8, 8, 40.0)
+    with pytest.raises(SimulationError, match="finds no ABACUS device here"):
         render_in_children(scene_of(cube()), shots)
 
 

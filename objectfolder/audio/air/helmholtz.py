@@ -28,6 +28,7 @@ from scipy.spatial import cKDTree
 
 from objectfolder.audio.air.boundary_kernels import Triangles, add_static_pairs, add_waves, fill_far
 from objectfolder.audio.air.multipoles import harmonics, of_surface, regular_waves
+from objectfolder.device import CPU, device_kind, torch_device
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
@@ -143,9 +144,7 @@ class Elements:
         for a, hat in enumerate(np.eye(3)):
             share = self._massed(np.broadcast_to(hat[:, None], (len(faces), 3, 1)))[:, :, 0] / 2
             np.add.at(matrix, (faces, faces[:, [a]]), share)
-        factors = lu_factor(matrix, overwrite_a=True)
-        loaded = (-loads[0] - coupling * loads[1]).astype(np.complex64)
-        return np.asarray(lu_solve(factors, loaded))
+        return _solve_dense(matrix, (-loads[0] - coupling * loads[1]).astype(np.complex64))
 
     def _waves(self, wavenumber: float, velocity: Floats) -> tuple[Singles, Singles, Complexes]:
         """K and W (n, n), static near entries left out, and likewise S and K' of velocities (2, n, k)."""
@@ -329,3 +328,14 @@ def _twelve() -> tuple[Floats, Floats]:
     rows += [(*order, 0.082851075618374) for order in permutations(inner)]
     table = np.array(rows)
     return table[:, :3].copy(), table[:, 3].copy()
+
+
+def _solve_dense(matrix: Singles, right: Singles) -> Singles:
+    """Solve by LU decomposition where `objectfolder.device` says; `matrix` is overwritten."""
+    if device_kind() == CPU:
+        return np.asarray(lu_solve(lu_factor(matrix, overwrite_a=True), right))
+    device = torch_device()
+    import torch
+
+    parts = (torch.from_numpy(part).to(device) for part in (matrix, right))
+    return np.asarray(torch.linalg.solve(*parts).cpu().numpy())

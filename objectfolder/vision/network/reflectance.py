@@ -45,6 +45,9 @@ class _Interpolate(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
         rows, weights = ctx.saved_tensors
+        if rows.device.type != "cpu":
+            shares = (weights[..., None] * gradients[0][:, None]).flatten(0, 1)
+            return shares.new_zeros(ctx.shape).index_add_(0, rows.flatten(), shares), None, None
         flat, spread = rows.numpy().ravel(), weights.numpy()
         values = gradients[0].numpy()
         columns = [
@@ -55,7 +58,7 @@ class _Interpolate(torch.autograd.Function):
 
 
 def interpolate(table: Tensor, rows: np.ndarray, weights: np.ndarray) -> Tensor:
-    """Return (n, features) sums of 8 rows of a (corners, features) table, which is trained on a CPU only."""
+    """Return (n, features) sums of 8 rows of a (corners, features) table."""
     at = (torch.from_numpy(values).to(table.device) for values in (rows, weights))
     result: Tensor = _Interpolate.apply(table, *at)
     return result

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.child_process import end_with
+from objectfolder.device import CPU, device_kind, missing_device
 from objectfolder.errors import SimulationError
 from objectfolder.vision.truth.glass_nodes import make_thin_glass
 from objectfolder.vision.truth.render_request import (
@@ -98,7 +99,7 @@ def _set_up_render(shots: Shots, path: str) -> None:
     settings.color_depth = "32"
     settings.exr_codec = "NONE"
     cycles = scene.cycles
-    cycles.device = "CPU"
+    cycles.device = _device()
     cycles.samples = shots.samples
     cycles.pixel_filter_type = "BOX"
     cycles.sampling_pattern = "TABULATED_SOBOL"
@@ -118,6 +119,32 @@ def _set_up_render(shots: Shots, path: str) -> None:
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
     scene.world = world
+
+
+def _device() -> str:
+    """Choose the processor, or every graphics processor of the kind that is asked for.
+
+    Raises
+    ------
+    SimulationError
+        None of this kind, or Blender does not know it.
+    """
+    import bpy
+
+    kind = device_kind()
+    if kind == CPU:
+        return CPU
+    preferences = bpy.context.preferences.addons["cycles"].preferences
+    try:
+        preferences.compute_device_type = kind
+    except TypeError as error:
+        raise missing_device("Cycles") from error
+    preferences.refresh_devices()
+    for device in preferences.devices:
+        device.use = device.type == kind
+    if not any(device.use for device in preferences.devices):
+        raise missing_device("Cycles")
+    return "GPU"
 
 
 def _limit(part: np.ndarray, height: int, width: int) -> None:

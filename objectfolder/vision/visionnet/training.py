@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch.optim.adam import adam
 
+from objectfolder.device import torch_device
 from objectfolder.errors import InputError
 from objectfolder.extras import needs_extra
 from objectfolder.products.store import Product
@@ -291,13 +292,18 @@ def train(
     grid: SparseGrid, rays: TrainingRays, *, radiance_scale: float, steps: int, batch_pixels: int,
     learning_rate: float, seed: int, priors: Priors,
 ) -> Reflectance:  # fmt: skip
-    """Fit a network by Adam with a cosine schedule; the same seed gives the same weights."""
+    """Fit a network by Adam with a cosine schedule, where `objectfolder.device` says.
+
+    The same seed gives the same weights on a processor. Others add gradients in any order, and differ as by
+    another seed.
+    """
     generator = torch.Generator().manual_seed(seed)
     random = np.random.default_rng(seed)
     network = Reflectance(grid.sizes, mirrors=rays.mirrored is not None)
     network.initialise(generator, rays.alpha, rays.metallic)
     with torch.no_grad():
         network.albedo.bias.copy_(torch.logit(torch.from_numpy(starting_albedo(rays, radiance_scale))))
+    network.to(torch_device())
     tables = list(network.tables)
     known = {id(table) for table in tables}
     others = [parameter for parameter in network.parameters() if id(parameter) not in known]
@@ -316,7 +322,7 @@ def train(
         with torch.no_grad():
             for width in widths:
                 width.clamp_(min=math.log(LEAST_ALPHA))
-    return network
+    return network.cpu()
 
 
 def _loss(
@@ -330,7 +336,12 @@ def _loss(
         - np.repeat(np.cumsum(count) - count, count)
         + np.repeat(rays.first[batch], count)
     )
-    angles = torch.from_numpy(rays.angles[row])
+    place = network.log_alpha.device
+
+    def on_device(values: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(values).to(place)
+
+    angles = on_device(rays.angles[row])
     levels = network.levels(grid.interpolation(rays.position[row]))
     features = torch.cat(levels, dim=1)
     albedo = network.base(features, angles)
@@ -338,30 +349,30 @@ def _loss(
         levels,
         albedo,
         angles,
-        torch.from_numpy(rays.surroundings[row]),
-        torch.from_numpy(rays.irradiance[row]),
+        on_device(rays.surroundings[row]),
+        on_device(rays.irradiance[row]),
         None if rays.mirrored is None else _in_mirrors(network, grid, rays.mirrored, row),
     )
 
     def mean_of_pixels(values: torch.Tensor) -> torch.Tensor:
-        total = torch.zeros(len(batch), 3).index_add(0, torch.from_numpy(owner), values)
-        return total / torch.from_numpy(count.astype(np.float32))[:, None]
+        total = torch.zeros(len(batch), 3, device=place).index_add(0, on_device(owner), values)
+        return total / on_device(count.astype(np.float32))[:, None]
 
     loss = display_loss(
         mean_of_pixels(radiance) * radiance_scale,
-        torch.from_numpy(rays.colour[batch]),
-        torch.from_numpy(rays.weight[batch]),
+        on_device(rays.colour[batch]),
+        on_device(rays.weight[batch]),
     )
     if priors.base_colour > 0 and rays.base_colour is not None and rays.base_weight is not None:
         loss = loss + priors.base_colour * display_loss(
             mean_of_pixels(albedo),
-            torch.from_numpy(rays.base_colour[batch]),
-            torch.from_numpy(rays.base_weight[batch]),
+            on_device(rays.base_colour[batch]),
+            on_device(rays.base_weight[batch]),
         )
     if priors.evenness > 0:
         few = slice(0, EVEN_RAYS)
         # Under the light and the view of another point: the answer is to hold for all of them.
-        others = torch.from_numpy(random.permutation(len(angles[few])))
+        others = on_device(random.permutation(len(angles[few])))
         loss = loss + priors.evenness * network.unevenness(features[few], angles[few][others])
     return loss
 
@@ -370,11 +381,11 @@ def _in_mirrors(network: Reflectance, grid: SparseGrid, mirrored: MirrorRays, ro
     """Return what sub-rays `row` (n,) see in the surface."""
     place = mirrored.place[row]
     owner = np.flatnonzero(place >= 0)
-    met = place[owner]
+    met, device = place[owner], network.log_alpha.device
     return Mirrored(
-        torch.from_numpy(owner),
-        torch.from_numpy(mirrored.rim[met]),
+        torch.from_numpy(owner).to(device),
+        torch.from_numpy(mirrored.rim[met]).to(device),
         torch.cat(network.levels(grid.interpolation(mirrored.position[met])), dim=1),
-        torch.from_numpy(mirrored.angles[met]),
-        torch.from_numpy(mirrored.irradiance[met]),
+        torch.from_numpy(mirrored.angles[met]).to(device),
+        torch.from_numpy(mirrored.irradiance[met]).to(device),
     )
