@@ -16,6 +16,7 @@ from objectfolder.batch.sight_bodies import (
     PLACE,
     SHADE,
     TRACE,
+    Lamps,
     Lattices,
     Meshes,
     Place,
@@ -52,9 +53,7 @@ Looks = namedtuple("Looks", "constants mapped white mean rise levels")
 # Sites of all objects, and points at which light is asked for them: those of a site follow one another.
 # `rows` are the first site of each object.
 Sites = namedtuple("Sites", "rows starts face barycentric position normal upright side albedo")
-# Lamps of objects.
-Lamps = namedtuple("Lamps", "objects places")
-# Objects of views, and numbers of their lamps.
+# Objects of views, their lamps, and the numbers of these.
 Shown = namedtuple("Shown", "objects places lamp")
 # Of points: terms of `Principled`, and the base colour.
 Substance = namedtuple("Substance", "terms base")

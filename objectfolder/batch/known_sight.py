@@ -96,9 +96,7 @@ class KnownSight:
         )  # fmt: skip
         return number, fields
 
-    def shade(
-        self, scene: Scene, points: Points, cast: Cast, bounced: Bounced, colours: Tensor
-    ) -> None:
+    def shade(self, scene: Scene, points: Points, cast: Cast, bounced: Bounced, colours: Tensor) -> None:
         """Write the colours of rays that meet points; `cast` says where each is in its image."""
         radiance = self._radiated(scene, points, cast, bounced, self._samples, GLOSS_BOUNCES)
         scale = self._radiance[scene.objects[points.rays.view[points.ray]]]
