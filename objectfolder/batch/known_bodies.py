@@ -19,8 +19,6 @@ from objectfolder.batch.sight_bodies import (
     Lamps,
     Lattices,
     Meshes,
-    Place,
-    Rays,
     Seen,
     Shade,
     Stored,
@@ -47,22 +45,25 @@ from objectfolder.vision.network.surface_maps import MAP_WHOLE
 WHOLE = MAP_WHOLE["albedo"]
 FIRST_STEP, SECOND_STEP = SEQUENCE_STEPS
 
-# Of objects: roughness and metallic where no map has them, and whether one does; `Principled`'s tables, and
-# its upright reflection, the mean of it and index.
-Looks = namedtuple("Looks", "constants mapped white mean rise levels")
-# Sites of all objects, and points at which light is asked for them: those of a site follow one another.
-# `rows` are the first site of each object.
-Sites = namedtuple("Sites", "rows starts face barycentric position normal upright side albedo")
-# Objects of views, their lamps, and the numbers of these.
-Shown = namedtuple("Shown", "objects places lamp")
+# Objects of views. Of objects: roughness and metallic where no map has them, and whether one does;
+# `Principled`'s tables, and its upright reflection, the mean of it and index.
+Looks = namedtuple("Looks", "objects constants mapped white mean rise levels")
+# Whether maps bend objects' normals, and their sites: the first of each object, the points at which light is
+# asked for a site, which follow one another, and these.
+Sites = namedtuple("Sites", "bends rows starts face barycentric position normal upright side albedo")
+# Lamps of views, their numbers, and what they send by way of the surface.
+Shown = namedtuple("Shown", "places lamp fields")
 # Of points: terms of `Principled`, and the base colour.
 Substance = namedtuple("Substance", "terms base")
-# Directions of a point's gloss, and two numbers from which they are drawn.
-Drawn = namedtuple("Drawn", "samples first second")
+# Of points: their terms, directions of the gloss of each, and two numbers from which they are drawn.
+Drawn = namedtuple("Drawn", "terms samples first second")
+# Directions of gloss as `Rays`, with the shares of what they meet.
+Glossy = namedtuple("Glossy", "view_of direction face barycentric share")
 # Working memory.
-Base = namedtuple("Base", "colour levels three rough metal")
-Lobe = namedtuple("Lobe", "facet towards width u v density row even gloss")
+Base = namedtuple("Base", "parent inside levels colour three rough metal")
+Lobe = namedtuple("Lobe", "facet towards width u v density row even gloss origin stack entry hit where")
 Light = namedtuple("Light", "row to_light even gloss three")
+Arriving = namedtuple("Arriving", "irradiance start lit blocked v n stack")
 
 
 @scalar
@@ -73,22 +74,22 @@ def decoded(value):
 
 
 def _substance(
-    point, seen: Seen, objects, looks: Looks, stored: Stored, albedo: Lattices, others: Lattices,
-    substance: Substance, place: Place, base: Base,
+    point, seen: Seen, looks: Looks, stored: Stored, albedo: Lattices, others: Lattices,
+    substance: Substance, base: Base,
 ):  # fmt: skip
     """Write terms and base colour of a point: `KnownLight.features`."""
     ray = seen.ray_of[point]
-    number = objects[seen.view_of[ray]]
-    place_on(stored, number, seen.face[ray], seen.barycentric[ray], place)
+    number = looks.objects[seen.view_of[ray]]
+    place_on(stored, number, seen.face[ray], seen.barycentric[ray], base)
     places, values = lattice_of(albedo, number)
-    _interpolate(places, values, place.parent, place.inside, base.three)
+    _interpolate(places, values, base.parent, base.inside, base.three)
     for c in range(3):
         base.colour[0, c] = decoded(base.three[0, c] / WHOLE)
         substance.base[point, c] = base.colour[0, c]
     base.rough[0], base.metal[0] = looks.constants[number, 0], looks.constants[number, 1]
     if looks.mapped[number, 0] or looks.mapped[number, 1]:
         places, values = lattice_of(others, number)
-        _interpolate(places, values, place.parent, place.inside, base.levels)
+        _interpolate(places, values, base.parent, base.inside, base.levels)
         if looks.mapped[number, 0]:
             base.rough[0] = base.levels[0, 0] / WHOLE
         if looks.mapped[number, 1]:
@@ -102,13 +103,13 @@ def _substance(
 
 
 def _radiate(
-    point, seen: Seen, shown: Shown, looks: Looks, substance: Substance, bounced: Lattices, fields, radiance,
+    point, seen: Seen, looks: Looks, shown: Shown, substance: Substance, bounced: Lattices, radiance,
     light: Light,
 ):  # fmt: skip
     """Write what (points, 3) a point sends of the lamp, reflected once or by way of the surface."""
     ray, row = seen.ray_of[point], slice(point, point + 1)
     view, beam = seen.view_of[ray], slice(ray, ray + 1)
-    number, squared = shown.objects[view], 0.0
+    number, squared = looks.objects[view], 0.0
     for axis in range(3):
         light.to_light[0, axis] = shown.places[view, axis] - seen.position[point, axis]
         squared += light.to_light[0, axis] * light.to_light[0, axis]
@@ -123,7 +124,9 @@ def _radiate(
         )  # fmt: skip
     places, some = lattice_of(bounced, number)
     if len(some):
-        _interpolate(places, fields[shown.lamp[view]], seen.face[beam], seen.barycentric[beam], light.three)
+        _interpolate(
+            places, shown.fields[shown.lamp[view]], seen.face[beam], seen.barycentric[beam], light.three
+        )
     for c in range(3):
         once = substance.base[point, c] * light.even[0, c] + light.gloss[0, c]
         again = substance.base[point, c] * substance.terms[point, 2] * light.three[0, c]
@@ -131,22 +134,21 @@ def _radiate(
 
 
 def _scatter(
-    number, seen: Seen, objects, looks: Looks, substance: Substance, drawn: Drawn, volumes: Volumes, facets,
-    met: Rays, share, lobe: Lobe, trace: Trace,
+    number, seen: Seen, looks: Looks, drawn: Drawn, volumes: Volumes, facets, met: Glossy, lobe: Lobe
 ):  # fmt: skip
     """Write a direction of a point's gloss, what it meets, and what share of that is sent on."""
     point, sample = number // drawn.samples, number % drawn.samples
     ray, row = seen.ray_of[point], slice(point, point + 1)
     view, one = seen.view_of[ray], slice(number, number + 1)
-    own, first, _ = volumes_of(volumes, objects[view])
+    own, first, _ = volumes_of(volumes, looks.objects[view])
     for axis in range(3):
         lobe.facet[0, axis] = seen.side[point] * facets[first + seen.face[ray], axis]
         lobe.towards[0, axis] = -seen.direction[ray, axis]
-        trace.origin[0, axis] = seen.position[point, axis] + SELF_OFFSET * lobe.facet[0, axis]
-        met.direction[number, axis], share[number, axis] = 0.0, 0.0
+        lobe.origin[0, axis] = seen.position[point, axis] + SELF_OFFSET * lobe.facet[0, axis]
+        met.direction[number, axis], met.share[number, axis] = 0.0, 0.0
     lobe.u[0] = (drawn.first[point] + sample * FIRST_STEP) % 1.0
     lobe.v[0] = (drawn.second[point] + sample * SECOND_STEP) % 1.0
-    lobe.width[0], lobe.density[0], lobe.row[0] = substance.terms[point, 0], 0.0, 0
+    lobe.width[0], lobe.density[0], lobe.row[0] = drawn.terms[point, 0], 0.0, 0
     met.view_of[number], met.face[number] = view, -1
     _lobe_directions(
         (seen.normal[row], lobe.facet, lobe.towards), lobe.width, (lobe.u, lobe.v), LEAST_COSINE,
@@ -156,14 +158,14 @@ def _scatter(
         return
     _reflected(
         (lobe.row, met.direction[one]), seen.normal[row], seen.upright[row], seen.direction[ray : ray + 1],
-        substance.terms[row], looks.levels[objects[view], 2], lobe.even, lobe.gloss,
+        drawn.terms[row], looks.levels[looks.objects[view], 2], lobe.even, lobe.gloss,
     )  # fmt: skip
     cosine = 0.0
     for axis in range(3):
         cosine += met.direction[number, axis] * seen.normal[point, axis]
     for c in range(3):
-        share[number, c] = lobe.gloss[0, c] * cosine / (drawn.samples * math.pi * lobe.density[0])
-    meet(number, own, met, trace)
+        met.share[number, c] = lobe.gloss[0, c] * cosine / (drawn.samples * math.pi * lobe.density[0])
+    meet(number, own, met, Trace(lobe.origin, lobe.stack, lobe.entry, lobe.hit, lobe.where))
 
 
 def _gather(point, samples, row_of, share, sent, radiance):
@@ -175,8 +177,7 @@ def _gather(point, samples, row_of, share, sent, radiance):
 
 
 def _send(
-    lamp, site, lamps: Lamps, bends, volumes: Volumes, meshes: Meshes, sites: Sites, sending, arriving,
-    shade: Shade,
+    lamp, site, lamps: Lamps, volumes: Volumes, meshes: Meshes, sites: Sites, sending, arriving: Arriving
 ):  # fmt: skip
     """Write what (sites, lamps, 3) a site sends of the light that reaches it straight from a lamp."""
     number, place = lamps.objects[lamp], lamps.places[lamp : lamp + 1]
@@ -189,8 +190,10 @@ def _send(
     surface = Triangles(
         meshes.corners[first:end], meshes.corner_normals[first:end], meshes.facets[first:end]
     )  # fmt: skip
-    red, green, blue, start, after = 0.0, 0.0, 0.0, sites.starts[row], sites.starts[row + 1]
-    for k in range(start, after):
+    irradiance, start, lit, blocked, v, n, stack = arriving
+    shade = Shade(start, lit, blocked, v, n, stack)
+    red, green, blue, first_point, after = 0.0, 0.0, 0.0, sites.starts[row], sites.starts[row + 1]
+    for k in range(first_point, after):
         one = slice(k, k + 1)
         met = (
             sites.face[one],
@@ -199,14 +202,14 @@ def _send(
             sites.upright[one],
             sites.side[one],
         )
-        shine(own, surface, met, place, arriving, shade)
-        if arriving[0] > 0:
-            if bends[number]:
-                arriving[0] *= bent_share(sites.upright[k], sites.normal[k], sites.position[k], place[0])
-            red += arriving[0] * sites.albedo[k, 0]
-            green += arriving[0] * sites.albedo[k, 1]
-            blue += arriving[0] * sites.albedo[k, 2]
-    count = max(after - start, 1)
+        shine(own, surface, met, place, irradiance, shade)
+        if irradiance[0] > 0:
+            if sites.bends[number]:
+                irradiance[0] *= bent_share(sites.upright[k], sites.normal[k], sites.position[k], place[0])
+            red += irradiance[0] * sites.albedo[k, 0]
+            green += irradiance[0] * sites.albedo[k, 1]
+            blue += irradiance[0] * sites.albedo[k, 2]
+    count = max(after - first_point, 1)
     sending[site, lamp, 0] = red / count
     sending[site, lamp, 1] = green / count
     sending[site, lamp, 2] = blue / count
@@ -229,8 +232,8 @@ LIGHT: dict[str, Any] = {
     "three": ((1, 3), np.float64),
 }
 substance = Body(
-    _substance, 1, **PLACE, colour=((1, 3), np.float64), levels=((1, 4), np.float64),
-    three=((1, 3), np.float64), rough=((1,), np.float64), metal=((1,), np.float64),
+    _substance, 1, **PLACE, colour=((1, 3), np.float64), three=((1, 3), np.float64),
+    rough=((1,), np.float64), metal=((1,), np.float64),
 )  # fmt: skip
 radiate = Body(_radiate, 1, **LIGHT)
 scatter = Body(
@@ -239,5 +242,5 @@ scatter = Body(
     row=((1,), np.int64), even=((1, 3), np.float32), gloss=((1, 3), np.float32),
 )  # fmt: skip
 gather = Body(_gather)
-send = Body(_send, 2, **SHADE, arriving=((1,), np.float64))
+send = Body(_send, 2, **SHADE, irradiance=((1,), np.float64))
 spread = Body(_spread, 2)

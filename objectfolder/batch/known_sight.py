@@ -73,8 +73,8 @@ class KnownSight:
         objects, places = lamps[:, 0].long(), lamps[:, 1:].contiguous()
         sending = torch.empty((SITES, len(lamps), 3), dtype=torch.float32, device=self._device)
         known_bodies.send(
-            (len(lamps), SITES), objects, places, self._surfaces.bends, *self._surfaces.volumes,
-            *self._surfaces.triangles, *self._sites, sending,
+            (len(lamps), SITES), objects, places, *self._surfaces.volumes, *self._surfaces.triangles,
+            self._surfaces.stored[0], *self._sites, sending,
         )  # fmt: skip
         total = torch.zeros_like(sending)
         ends = torch.searchsorted(
@@ -116,8 +116,8 @@ class KnownSight:
             *self._surfaces.maps, terms, base,
         )  # fmt: skip
         known_bodies.radiate(
-            count, *points.arrays, scene.objects, scene.lights, bounced[0], *self._looks, terms, base,
-            *self._bounced, bounced[1], radiance,
+            count, *points.arrays, scene.objects, *self._looks, scene.lights, *bounced, terms, base,
+            *self._bounced, radiance,
         )  # fmt: skip
         if times == 0 or samples == 0:
             return radiance
@@ -126,7 +126,7 @@ class KnownSight:
         rays = Rays.empty(count * samples, self._device)
         share = torch.empty((count * samples, 3), dtype=torch.float32, device=self._device)
         known_bodies.scatter(
-            count * samples, *points.arrays, scene.objects, *self._looks, terms, base, samples, *drawn,
+            count * samples, *points.arrays, scene.objects, *self._looks, terms, samples, *drawn,
             *self._surfaces.volumes, self._surfaces.triangles[2], *rays.arrays, share,
         )  # fmt: skip
         met = self._surfaces.lit(scene, rays)

@@ -40,15 +40,15 @@ Lit = namedtuple("Lit", "position upright side irradiance")
 Seen = namedtuple("Seen", "ray_of view_of direction face barycentric position normal upright side irradiance")
 # Lattices on the faces of all objects: `LatticeLookup`'s arrays, and values at their places.
 Lattices = namedtuple("Lattices", "offsets corners columns rows start owner values")
-# Of the faces that rays meet: that of the stored surface which each is a piece of, and its corners there. Of
-# stored faces the way that they look.
-Stored = namedtuple("Stored", "offsets parent corners facing")
+# Whether maps bend the normals of objects. Of the faces that rays meet: that of the stored surface which each
+# is a piece of, and its corners there. Of stored faces the way that they look.
+Stored = namedtuple("Stored", "bends offsets parent corners facing")
 # Working memory of a ray, of what shades a point, and of a place on a stored surface.
 Trace = namedtuple("Trace", "origin stack entry hit where")
 Shade = namedtuple("Shade", "start lit blocked v n stack")
-Place = namedtuple("Place", "parent inside")
+Place = namedtuple("Place", "parent inside levels")
 # Column of the first part of a bent normal in maps beside albedo.
-NORMAL = 2
+BENT_COLUMN = 2
 
 
 @scalar
@@ -174,8 +174,7 @@ def _light(
 
 
 def _bend(
-    point, rays: PointRays, lamps: Lamps, bends, stored: Stored, maps: Lattices, points: Lit, normal,
-    place: Place, levels,
+    point, rays: PointRays, lamps: Lamps, stored: Stored, maps: Lattices, points: Lit, normal, place: Place
 ):  # fmt: skip
     """Write the normal as a map bends it, and what that leaves of the light: `SurfaceMaps.bent`."""
     ray = rays.ray_of[point]
@@ -183,12 +182,15 @@ def _bend(
     number, side, upright = lamps.objects[view], points.side[point], points.upright[point]
     for axis in range(3):
         normal[point, axis] = upright[axis]
-    if not bends[number]:
+    if not stored.bends[number]:
         return
     place_on(stored, number, rays.face[ray], rays.barycentric[ray], place)
     places, values = lattice_of(maps, number)
-    _interpolate(places, values, place.parent, place.inside, levels)
-    u, v = (levels[0, NORMAL] - UPRIGHT) / UPRIGHT, (levels[0, NORMAL + 1] - UPRIGHT) / UPRIGHT
+    _interpolate(places, values, place.parent, place.inside, place.levels)
+    u, v = (
+        (place.levels[0, BENT_COLUMN] - UPRIGHT) / UPRIGHT,
+        (place.levels[0, BENT_COLUMN + 1] - UPRIGHT) / UPRIGHT,
+    )
     rise = math.sqrt(max(1.0 - u * u - v * v, 0.0))
     x, y, z = side * upright[0], side * upright[1], side * upright[2]
     axis = (stored.facing[stored.offsets[number, 1] + place.parent[0]] // 2 + 1) % 3
@@ -261,9 +263,13 @@ SHADE: dict[str, Any] = {
     "n": ((3, 3), np.float64),
     "stack": ((STACK,), np.int32),
 }
-PLACE: dict[str, Any] = {"parent": ((1,), np.int64), "inside": ((1, 3), np.float64)}
+PLACE: dict[str, Any] = {
+    "parent": ((1,), np.int64),
+    "inside": ((1, 3), np.float64),
+    "levels": ((1, 4), np.float64),
+}
 cast = Body(_cast, 1, **TRACE)
 light = Body(_light, 1, **SHADE)
-bend = Body(_bend, 1, **PLACE, levels=((1, 4), np.float64))
+bend = Body(_bend, 1, **PLACE)
 blend = Body(_blend)
 uneven = Body(_uneven)

@@ -103,8 +103,8 @@ class Surfaces:
         self.volumes = joined_records(boxes, (0, 3), device)
         self.triangles = joined_records([surface._triangles for surface in lit], (), device)[1:]
         bends = np.array([net._surface.bends for net in nets])
-        self.bends, self._any_bends = upload(bends, device), bool(bends.any())
-        self.stored = joined_records([_stored(net) for net in nets], (0, 2), device)
+        self._any_bends = bool(bends.any())
+        self.stored = upload(bends, device), *joined_records([_stored(net) for net in nets], (0, 2), device)
         self.maps = joined_records([_maps(net) for net in nets], LATTICE_COUNTED, device)
 
     def cast(self, scene: Scene, place: Tensor, inside: Tensor) -> Rays:
@@ -128,9 +128,7 @@ class Surfaces:
         normal = upright
         if self._any_bends:
             normal = torch.empty_like(upright)
-            sight_bodies.bend(
-                len(ray), ray, *rays.arrays, *lamps, self.bends, *self.stored, *self.maps, *lit, normal
-            )
+            sight_bodies.bend(len(ray), ray, *rays.arrays, *lamps, *self.stored, *self.maps, *lit, normal)
         return Points(rays, ray, position, normal, upright, side, irradiance)
 
 
