@@ -173,10 +173,11 @@ def _bounced(radiosity: Radiosity | None) -> Arrays:
 
 
 def _sites(radiosity: Radiosity) -> Arrays:
-    """Return how many points each site has, and these in order."""
-    order, points = np.argsort(radiosity._site, kind="stable"), radiosity._points
+    """Return how many points receive light for each site, as in a coarse image, and these in order."""
+    receivers = radiosity._few
+    order, points = np.argsort(receivers.site, kind="stable"), receivers.points
     columns = (
         points.face, points.barycentric, points.position, points.normal, points.upright, points.side,
-        radiosity._point_albedo,
+        receivers.albedo,
     )  # fmt: skip
-    return np.bincount(radiosity._site, minlength=SITES), *(column[order] for column in columns)
+    return np.bincount(receivers.site, minlength=SITES), *(column[order] for column in columns)
