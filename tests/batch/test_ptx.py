@@ -41,7 +41,7 @@ def kernels():
     def record(body, count, *arguments):
         types = [numba.typeof(part.numpy() if hasattr(part, "numpy") else part) for part in arguments]
         met[precision][body] = tuple(types)
-        for part in arguments[-3:]:  # counts of none, faces of number 0
+        for part in arguments[-4:]:  # counts of none, views and faces of number 0
             if isinstance(part, torch.Tensor):
                 part.zero_()
 
