@@ -50,8 +50,8 @@ TRAINING_SAMPLES, TRUTH_SAMPLES = 32, 512
 # Rays on which the paper's network is judged: whole images would take minutes each. One image of the smallest
 # size is timed whole.
 NETWORK_RAYS = 3072
-# Views of a query, and rounds, by which queries of many views are compared with as many queries.
-BATCH, BATCH_ROUNDS = 48, 3
+# Views of a query by which queries of many views are compared with as many queries.
+BATCH = 48
 # Seeds of the views are below 2^30; this bit makes those of Cycles as a rival of its own truth.
 OWN_SEED = 1 << 29
 # Share by which the lamp of each render is further away than that of the one before: bounced light is
@@ -239,7 +239,7 @@ class Case:
         lights = uniform_on_sphere(BATCH, LIGHT_RADIUS, random)
         given, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0))
         ratios = []
-        for _ in range(BATCH_ROUNDS):
+        for _ in range(self.given.rounds):
             single, many = (next(self.nudges) * lights for _ in range(2))
             start = time.perf_counter()
             for view in range(BATCH):
