@@ -101,6 +101,15 @@ def test_views_rendered_at_a_time_are_those_of_one_query_each(monkeypatch):
     assert net._threads(1) == 1
 
 
+def test_more_sub_rays_are_nearer_to_the_finest_image():
+    net, lamp = known(), np.array([0.4, 0.9, 1.6])
+    finest = net.render(CAMERA, lamp, 32, 39.6, 1024)
+    coarse, middle, fine = (
+        np.square(net.render(CAMERA, lamp, 32, 39.6, count) - finest).mean() for count in (2, 4, 64)
+    )
+    assert fine < 0.3 * middle < 0.1 * coarse
+
+
 def test_places_of_a_cube_that_look_one_way_share_a_value_in_the_order_of_cubes():
     triangles = hollow_ball()[1].triangles
     lattice = FaceLattice(triangles, 1 / 16)

@@ -24,7 +24,7 @@ INFINITE_DISTANCE = 1e4
 GLOSS_SAMPLES, METAL_SAMPLES = (2, 4), (4, 16)
 # Times that gloss shows gloss, and what parts the directions of these.
 GLOSS_BOUNCES, OFFSET = 2, 977
-# Roughness of a dielectric from which on a coarse image shows no surface in it: .6 dB of 44 in the mean.
+# Roughness of a dielectric from which on a coarse image shows no surface in it: .5 dB of 44 in the mean.
 WIDE_LOBE = 0.2
 # Points, their appearance, where they are in an image, and directions (n,) of each.
 Gloss = tuple[Points, Appearance, Cast, np.ndarray]
