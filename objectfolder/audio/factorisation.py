@@ -22,9 +22,10 @@ from scipy.sparse.linalg import splu
 from objectfolder.errors import SimulationError, UnsolvableError
 
 Floats = NDArray[np.float64]
+Values = NDArray[Any]  # float64 or complex128
 Integers = NDArray[np.int64] | NDArray[np.int32]
 SOLVER = "PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
-POSITIVE_DEFINITE, INDEFINITE = 2, -2
+POSITIVE_DEFINITE, HERMITIAN_DEFINITE, INDEFINITE = 2, 4, -2
 # Largest relative backward error of a solution at which the signs of pivots count eigenvalues: 1e5 roundings.
 MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
@@ -37,7 +38,11 @@ Matrix = sparse.csr_matrix | sparse.bsr_matrix
 
 
 class Factorisation:
-    """Factors of a sparse symmetric matrix."""
+    """Factors of a sparse matrix, real symmetric or complex Hermitian in blocks.
+
+    Of an indefinite one of the latter those of its real form, twice as large, which has each eigenvalue
+    twice: PARDISO does not count the negative ones of a complex matrix.
+    """
 
     def __init__(
         self,
@@ -64,9 +69,14 @@ class Factorisation:
         """
         self._solver, self._most_bytes = solver, most_bytes
         self._upper = _upper_triangle(matrix)
+        is_complex = np.iscomplexobj(matrix.data)
+        self._real_block = matrix.data.shape[-1] if is_complex and not definite else 0
+        if self._real_block:
+            self._upper = _real_form(self._upper)
         try:
             if solver == "PARDISO":
-                self._pardiso(POSITIVE_DEFINITE if definite else INDEFINITE)
+                kind = HERMITIAN_DEFINITE if is_complex else POSITIVE_DEFINITE
+                self._pardiso(kind if definite else INDEFINITE)
             else:
                 self._super_lu(definite)
         except (RuntimeError, ArithmeticError) as error:
@@ -89,15 +99,15 @@ class Factorisation:
         self._factors.iparm[FROM_ZERO - 1] = 1
         if self._upper.format == "bsr":
             self._factors.iparm[BLOCK_SIZE - 1] = self._upper.blocksize[0]
-        nothing = np.zeros((self._upper.shape[0], 1))
+        nothing = np.zeros((self._upper.shape[0], 1), self._upper.dtype)
         self._call(ANALYSE, nothing)
         self._refuse_large()
         self._call(FACTORISE, nothing)
         self._perturbed = int(self._factors.get_iparm(14))
-        if kind == POSITIVE_DEFINITE:
+        if kind != INDEFINITE:
             self._forget_matrix()
 
-    def _call(self, phase: int, right: Floats) -> Floats:
+    def _call(self, phase: int, right: Values) -> Values:
         """Solution (n, k), zero but in a solution, of right-hand sides (n, k) by columns.
 
         Not by pypardiso's calls: they copy all indices, and know no blocks.
@@ -108,10 +118,10 @@ class Factorisation:
             PARDISO gave up; its number says why.
         """
         pardiso, upper = self._factors, self._upper
-        solution = np.zeros(right.shape, order="F")
+        solution = np.zeros(right.shape, right.dtype, order="F")
         size = len(upper.indptr) - 1
         rows, columns = (np.ascontiguousarray(part, dtype=np.int32) for part in (upper.indptr, upper.indices))
-        entries = np.ascontiguousarray(upper.data, dtype=np.float64)
+        entries = np.ascontiguousarray(upper.data)
         number = ctypes.c_int32(0)
 
         def integer(value: int) -> Any:
@@ -120,7 +130,7 @@ class Factorisation:
         def integers(values: Integers) -> Any:
             return values.ctypes.data_as(ctypes.POINTER(ctypes.c_int32))
 
-        def floats(values: Floats) -> Any:
+        def floats(values: Values) -> Any:
             return values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
 
         pardiso._mkl_pardiso(
@@ -140,7 +150,7 @@ class Factorisation:
         """
         if self._solver == "PARDISO" and self._perturbed == 0:
             upper = self._upper
-            entries, columns = np.zeros((0, *upper.data.shape[1:])), np.zeros(0, dtype=np.int32)
+            entries, columns = np.zeros((0, *upper.data.shape[1:]), upper.dtype), np.zeros(0, dtype=np.int32)
             self._upper = type(upper)((entries, columns, np.zeros_like(upper.indptr)), shape=upper.shape)
 
     def _refuse_large(self) -> None:
@@ -158,29 +168,38 @@ class Factorisation:
     def _super_lu(self, definite: bool) -> None:
         upper = _upper_triangle(self._upper.tocsr())
         self._factors = splu(
-            (upper + upper.T - sparse.diags(upper.diagonal())).tocsc(),
+            (upper + upper.conj().T - sparse.diags(upper.diagonal())).tocsc(),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        if definite and (self._interchanged() or (self._factors.U.diagonal() <= 0).any()):
+        if definite and (self._interchanged() or (self._factors.U.diagonal().real <= 0).any()):
             raise ArithmeticError("a pivot is not positive, though the matrix should be definite")
 
     def _interchanged(self) -> bool:
         """Whether SuperLU left the diagonal, so that its pivots say nothing of the inertia."""
         return not np.array_equal(self._factors.perm_r, self._factors.perm_c)
 
-    def solve(self, right: Floats) -> Floats:
+    def solve(self, right: Values) -> Values:
         """Solution (n, k) for right-hand sides (n, k)."""
+        block = self._real_block
+        if not block:
+            return self._solve(right)
+        parts = right.reshape(-1, block, right.shape[1])
+        real = self._solve(np.stack([parts.real, parts.imag], axis=1).reshape(-1, right.shape[1]))
+        both = real.reshape(-1, 2, block, right.shape[1])
+        return np.asarray(both[:, 0] + 1j * both[:, 1]).reshape(right.shape)
+
+    def _solve(self, right: Values) -> Values:
         if self._solver != "PARDISO":
             return np.asarray(self._factors.solve(right))
         if right.shape[1] <= RIGHT_SIDES_AT_ONCE:
-            return self._call(SOLVE, np.asfortranarray(right, dtype=np.float64))
+            return self._call(SOLVE, np.asfortranarray(right, dtype=self._upper.dtype))
         parts = (
             slice(first, first + RIGHT_SIDES_AT_ONCE)
             for first in range(0, right.shape[1], RIGHT_SIDES_AT_ONCE)
         )
-        return np.concatenate([self.solve(right[:, columns]) for columns in parts], axis=1)
+        return np.concatenate([self._solve(right[:, columns]) for columns in parts], axis=1)
 
     def backward_error(self) -> float:
         """|A x - b| / (|A| |x| + |b|) of a random b, |A| in the maximum norm (J. L. Rigal and J. Gaches).
@@ -191,7 +210,7 @@ class Factorisation:
             raise ValueError("the entries of the matrix are gone; ask before counting, of an indefinite one")
         size = self._upper.shape[0]
         right = np.random.default_rng(0).standard_normal((size, 1))
-        solution = self.solve(right)
+        solution = self._solve(right)
         sums, wrong = np.zeros(size), -right
         for rows, upper in self._rows():
             diagonal = upper.diagonal(rows.start)
@@ -240,19 +259,31 @@ class Factorisation:
                 "count of modes", "a pivot nearly vanished", "Move the frequency limit off an eigenfrequency."
             )
         self._forget_matrix()
-        return count
+        return count // 2 if self._real_block else count
 
 
 def shifted(stiffness: sparse.bsr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.bsr_matrix:
     """K - value M, (3 n, 3 n), in blocks on and above the diagonal, for blocks of K where M has entries.
 
-    The other half would take memory beside the factors.
+    The other half would take memory beside the factors. The mass is that of one axis (n, n), or (3 n, 3 n).
     """
+    if mass.shape == stiffness.shape:
+        return sparse.bsr_matrix(_upper_triangle(stiffness - value * mass.tobsr(stiffness.blocksize)))
     upper = _on_and_above(mass)
     blocks = stiffness.data[upper]
     blocks[:, range(3), range(3)] -= value * mass.data[upper, None]
     starts = np.concatenate([[0], np.cumsum(upper)])[mass.indptr]
     return sparse.bsr_matrix((blocks, mass.indices[upper], starts), shape=stiffness.shape)
+
+
+def _real_form(matrix: Matrix) -> sparse.bsr_matrix:
+    """Blocks [[A, -B], [B, A]] for blocks A + i B."""
+    real, imaginary = matrix.data.real, matrix.data.imag
+    blocks = np.concatenate(
+        [np.concatenate([real, -imaginary], axis=2), np.concatenate([imaginary, real], axis=2)], axis=1
+    )
+    shape = (2 * matrix.shape[0], 2 * matrix.shape[1])
+    return sparse.bsr_matrix((blocks, matrix.indices, matrix.indptr), shape=shape)
 
 
 def _on_and_above(matrix: Matrix) -> NDArray[np.bool_]:

@@ -229,7 +229,8 @@ def _turned(
     epsilon_m = filling.epsilon_per_wall * measures.wall * scale
     point_m, direction = turned.axis.tolist()
     axis = {"point_m": point_m, "direction": direction}
-    return turned, {"way": REVOLVED, "steps_around": turned.steps, "axis": axis, "epsilon_m": epsilon_m}
+    around = {"steps_around": turned.steps, "sectors": turned.sectors, "axis": axis}
+    return turned, {"way": REVOLVED, **around, "epsilon_m": epsilon_m}
 
 
 def _ways(measures: Measures, filling: Filling) -> Iterator[tuple[str, Floats, Integers, dict[str, Any]]]:

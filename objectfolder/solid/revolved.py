@@ -39,6 +39,7 @@ class Revolved:
     vertices : (v, 3) metres
     tetrahedra : (t, 4) in either orientation
     steps : elements around the axis, at most
+    sectors : how many equal sectors a whole turn is made of
     axis : (2, 3) a point on it, metres, and its direction
     """
 
@@ -46,6 +47,7 @@ class Revolved:
     vertices: Floats
     tetrahedra: Integers
     steps: int
+    sectors: int
     axis: Floats
 
 
@@ -61,11 +63,11 @@ def revolved(form: NormalForm, longest_edge: Callable[[Floats], Floats]) -> Revo
             break
     if walls is None:
         return None
-    vertices, tetrahedra, steps = walls
+    vertices, tetrahedra, steps, sectors = walls
     surface = body.surface(steps * max(4, math.ceil(LEAST_SEGMENTS / steps)))
     in_metres = Surface(form.to_metres(surface.vertices), surface.faces)
     axis = np.stack([form.to_metres(body.centre), body.frame[2]])
-    return Revolved(in_metres, form.to_metres(vertices), tetrahedra, steps, axis)
+    return Revolved(in_metres, form.to_metres(vertices), tetrahedra, steps, sectors, axis)
 
 
 def _shorter(longest_edge: Callable[[Floats], Floats], share: float, wall: Floats) -> Floats:
@@ -74,7 +76,7 @@ def _shorter(longest_edge: Callable[[Floats], Floats], share: float, wall: Float
 
 def revolved_walls(
     body: Revolution, longest_edge: Callable[[Floats], Floats]
-) -> tuple[Floats, Integers, int] | None:
+) -> tuple[Floats, Integers, int, int] | None:
     """Tetrahedra of a thin-walled body of revolution; None where it is too bulky for one layer of elements.
 
     Parameters
@@ -86,15 +88,17 @@ def revolved_walls(
 
     Returns
     -------
-    vertices, tetrahedra, steps
-        (v, 3), (t, 4), and the largest number of elements around the axis.
+    vertices, tetrahedra, steps, sectors
+        (v, 3), (t, 4), the largest number of elements around the axis, and the least off it.
     """
     section = half_section(body, longest_edge)
     if section is None:
         return None
     levels, counts = _levels(section)
     vertices, tetrahedra = _turned(section, levels, counts)
-    return body.placed(vertices), tetrahedra, int(counts[levels.max()])
+    off_axis = section.points[:, 0] > 0
+    around = counts[levels[off_axis]]
+    return body.placed(vertices), tetrahedra, int(around.max()), int(around.min())
 
 
 def _levels(section: HalfSection) -> tuple[Integers, Integers]:
@@ -105,7 +109,8 @@ def _levels(section: HalfSection) -> tuple[Integers, Integers]:
     needed = np.maximum(2 * np.pi * radius / (SLACK * section.edge), np.pi / np.arccos(1 - arc))
     most = max(float(needed.max()), LEAST_AROUND)
     depth = math.floor(math.log2(most / LEAST_AROUND))
-    counts = math.ceil(most / 2**depth) * 2 ** np.arange(depth + 1)
+    # An odd number of sectors: of an even one, elements tell apart the two modes of half that order.
+    counts = (math.ceil(most / 2**depth) | 1) * 2 ** np.arange(depth + 1)
     levels = np.minimum(np.searchsorted(counts, needed - 1e-9), depth)
     levels[radius == 0] = 0
     while True:

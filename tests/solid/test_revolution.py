@@ -78,7 +78,7 @@ def test_elements_fill_the_body_and_repeat_around_the_axis(longest: float) -> No
     assert body is not None
     walls = revolved_walls(body, lambda wall: np.full(len(wall), longest))
     assert walls is not None
-    vertices, tetrahedra, steps = walls
+    vertices, tetrahedra, steps, sectors = walls
     solid = clean(vertices, tetrahedra, {})
     size = volumes(solid.vertices, solid.tetrahedra)
     boundary = Surface(solid.vertices, boundary_of(solid.tetrahedra)[0])
@@ -86,7 +86,8 @@ def test_elements_fill_the_body_and_repeat_around_the_axis(longest: float) -> No
     assert is_closed(boundary)
     assert enclosed_volume(boundary)[0] == pytest.approx(size.sum(), rel=1e-9)
     assert steps % 2 == 0  # half as many next to the axis
-    assert _turned_into_itself(solid, body, 2 * np.pi / _least_steps(solid, body))
+    assert sectors == _least_steps(solid, body)
+    assert _turned_into_itself(solid, body, 2 * np.pi / sectors)
 
 
 def _least_steps(solid: Solid, body: Revolution) -> int:

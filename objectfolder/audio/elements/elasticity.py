@@ -9,15 +9,19 @@ so that eta = omega L / c_s: neither the size nor the unit of anything enters th
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from objectfolder.audio.elements.hierarchic import differentiate, evaluate, quadrature, reference_integrals
+from objectfolder.audio.elements.sectors import SectorSpace
 from objectfolder.audio.elements.space import Space
 
 Floats = NDArray[np.float64]
+Values = NDArray[Any]  # float64 or complex128
 Integers = NDArray[np.int64]
 # Values at once in the dense part of an assembly, and kept for the next use of the same elements.
 CHUNK_VALUES = 12_000_000
@@ -42,7 +46,7 @@ def element_integrals(space: Space, elements: Integers) -> tuple[Floats, Floats]
     count = space.numbers.shape[1]
     if not space.curved[elements].any():
         mass, stiffness = reference_integrals(space.order)
-        corner = space.geometry[space.tetrahedra[elements]]
+        corner = space.shapes(elements)[:, :4]
         edges = corner[:, 1:] - corner[:, :1]
         volume = np.abs(np.linalg.det(edges)) / 6
         rest = np.swapaxes(np.linalg.inv(edges), 1, 2)
@@ -50,7 +54,7 @@ def element_integrals(space: Space, elements: Integers) -> tuple[Floats, Floats]
         outer = np.einsum("t,tka,tlb->tklab", volume, gradients, gradients).reshape(len(volume), 16, 9)
         cross = np.matmul(stiffness.reshape(count * count, 16), outer)
         return cross.reshape(len(volume), count, count, 3, 3), volume[:, None, None] * mass
-    shape = space.geometry[space.numbers[elements]]
+    shape = space.shapes(elements)
     points, weight = quadrature(2 * max(space.order, LEAST_QUADRATURE_ORDER) - 1)
     determinant, jacobian, reference = _map(space.order, points, shape)
     gradient = np.matmul(reference, np.linalg.inv(jacobian))
@@ -103,8 +107,18 @@ def element_stiffness(cross: Floats, poisson_ratio: float) -> Floats:
     return stiffness
 
 
+@dataclass
+class KeptMatrices:
+    """Blocks and masses of elements by the first of each group, and how many values more may be kept."""
+
+    matrices: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
+    room: int = KEPT_VALUES
+
+
 class ElementMatrices:
     """Stiffness blocks and masses of the elements of a space, made once for two uses as far as memory allows.
+
+    Those of a `SectorSpace` are kept for other waves around the axis, too.
 
     Iteration gives elements (t,), their blocks (t, functions, functions, 3, 3) and masses (t, functions,
     functions), in groups of one kind.
@@ -112,21 +126,22 @@ class ElementMatrices:
 
     def __init__(self, space: Space, poisson_ratio: float) -> None:
         self.space, self.poisson_ratio = space, poisson_ratio
-        self._cache: dict[int, tuple[Floats, Floats]] = {}
-        self._room = KEPT_VALUES
+        self._kept = KeptMatrices()
+        if isinstance(space, SectorSpace):
+            self._kept = space.sectors.kept.setdefault((space.order, poisson_ratio), self._kept)
 
     def __iter__(self) -> Iterator[tuple[Integers, Floats, Floats]]:
         for elements in chunks(self.space):
             name = int(elements[0])
-            if name in self._cache:
-                blocks, masses = self._cache.pop(name)
-                self._room += blocks.size
+            if name in self._kept.matrices:
+                blocks, masses = self._kept.matrices.pop(name)
+                self._kept.room += blocks.size
             else:
                 cross, masses = element_integrals(self.space, elements)
                 blocks = element_stiffness(cross, self.poisson_ratio)
-                if blocks.size <= self._room:
-                    self._room -= blocks.size
-                    self._cache[name] = blocks, masses
+            if blocks.size <= self._kept.room:
+                self._kept.room -= blocks.size
+                self._kept.matrices[name] = blocks, masses
             yield elements, blocks, masses
 
 
@@ -137,7 +152,7 @@ def assemble(
     matrices: ElementMatrices | None = None,
 ) -> tuple[sparse.bsr_matrix, sparse.csr_matrix]:
     """Stiffness (3 n, 3 n), unknown 3 function + axis, float64 BSR, and mass of one axis (n, n), CSR with
-    an entry for each block.
+    an entry for each block; of a `SectorSpace` mass (3 n, 3 n), both Hermitian, of one sector.
 
     The spatial unit of `space.geometry` is L. The mass matrix is consistent, so that a body of density 1
     weighs its volume. With `chosen` (function,) only those functions, in their order. `matrices` are those of
@@ -151,22 +166,71 @@ def assemble(
     row, column = np.repeat(renumbered, count, axis=1), np.tile(renumbered, (1, count))
     present = (row >= 0) & (column >= 0)
     key, position = np.unique((row * size + column)[present], return_inverse=True)
-    first = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
     indices, indptr = key % size, np.searchsorted(key, np.arange(size + 1) * size)
-    blocks, mass = np.zeros((len(key), 9)), np.zeros(len(key))
+    totals = _Totals(space, present, position)
     for elements, every, weights in matrices or ElementMatrices(space, poisson_ratio):
-        inside = present[elements].ravel()
-        local = every.reshape(-1, 9)[inside]
-        where = np.concatenate([position[first[e] : first[e + 1]] for e in elements])
+        totals.add(elements, every, weights)
+    stiffness = sparse.bsr_matrix((totals.blocks.reshape(-1, 3, 3), indices, indptr), shape=(3 * size,) * 2)
+    if not isinstance(space, SectorSpace):
+        return stiffness, sparse.csr_matrix((totals.mass[:, 0], indices, indptr), shape=(size, size))
+    mass = sparse.bsr_matrix((totals.mass.reshape(-1, 3, 3), indices, indptr), shape=stiffness.shape)
+    return _restricted(stiffness, mass, space.free[chosen])
+
+
+class _Totals:
+    """Sums over elements of their blocks (entry, 9) and masses (entry, 1), of a `SectorSpace` (entry, 9)."""
+
+    def __init__(self, space: Space, present: NDArray[np.bool_], position: Integers) -> None:
+        """`present` (t, functions^2) are the entries in use, `position` the number of each of them."""
+        self._present, self._position = present, position
+        self._first = np.concatenate([[0], np.cumsum(present.sum(axis=1))])
+        self._sector = space if isinstance(space, SectorSpace) else None
+        count = int(position.max(initial=-1)) + 1
+        dtype, width = (np.dtype(np.float64), 1) if self._sector is None else (self._sector.frames.dtype, 9)
+        self.blocks, self.mass = np.zeros((count, 9), dtype), np.zeros((count, width), dtype)
+
+    def add(self, elements: Integers, blocks: Values, masses: Values) -> None:
+        """Add blocks (t, functions, functions, 3, 3) and masses (t, functions, functions) of elements."""
+        if self._sector is None:
+            self._gather(elements, (self.blocks, blocks), (self.mass, masses))
+            return
+        turned = self._sector.framed[elements]
+        for some in (turned, ~turned):
+            if not some.any():
+                continue
+            those, of_blocks, of_mass = elements[some], blocks[some], masses[some]
+            if some is turned:
+                of_blocks, of_mass = self._sector.in_coefficients(those, of_blocks, of_mass)
+                self._gather(those, (self.blocks, of_blocks), (self.mass, of_mass))
+            else:
+                self._gather(those, (self.blocks, of_blocks), (self.mass[:, ::4], of_mass))
+
+    def _gather(self, elements: Integers, *terms: tuple[Values, Values]) -> None:
+        """Add values of elements (t, functions, functions, ...) to totals (entry, ...)."""
+        inside = self._present[elements].ravel()
+        where = np.concatenate([self._position[self._first[e] : self._first[e + 1]] for e in elements])
         touched, target = np.unique(where, return_inverse=True)
         gather = sparse.csr_matrix(
-            (np.ones(len(local)), (target.ravel(), np.arange(len(local)))), shape=(len(touched), len(local))
+            (np.ones(len(where)), (target.ravel(), np.arange(len(where)))), shape=(len(touched), len(where))
         )
-        blocks[touched] += np.asarray(gather @ local)
-        mass[touched] += gather @ weights.ravel()[inside]
-    stiffness = sparse.bsr_matrix((blocks.reshape(-1, 3, 3), indices, indptr), shape=(3 * size, 3 * size))
-    single = sparse.csr_matrix((mass, indices, indptr), shape=(size, size))
-    return stiffness, single
+        for total, values in terms:
+            total[touched] += np.asarray(gather @ values.reshape(len(inside), -1)[inside])
+
+
+def _restricted(
+    stiffness: sparse.bsr_matrix, mass: sparse.bsr_matrix, free: NDArray[np.bool_]
+) -> tuple[sparse.bsr_matrix, sparse.csr_matrix]:
+    """Both without the components that are not free (n, 3): they have stiffness 1 and no mass."""
+    rows = np.repeat(np.arange(len(free)), np.diff(stiffness.indptr))
+    both = free[rows][:, :, None] & free[stiffness.indices][:, None, :]
+    for matrix in (stiffness, mass):
+        matrix.data[~both] = 0.0
+    held = ~free[rows] & (rows == stiffness.indices)[:, None]
+    entry, component = np.nonzero(held)
+    stiffness.data[entry, component, component] = 1.0
+    weights = mass.tocsr()
+    weights.eliminate_zeros()
+    return stiffness, weights
 
 
 def chunks(space: Space) -> Iterator[Integers]:
@@ -198,9 +262,10 @@ def gains_of_more_functions(
         (function, 3, modes), u^T M u = 1 and zero for functions not chosen.
     """
     space = matrices.space
+    sector = space if isinstance(space, SectorSpace) else None
     modes = vectors.shape[2]
-    residual = np.zeros((space.size, 3 * modes))
-    diagonal = np.zeros((space.size, 9))
+    residual = np.zeros((space.size, 3 * modes), vectors.dtype)
+    diagonal = np.zeros((space.size, 9), vectors.dtype)
     # Functions of an element come by ascending order: those used by any are among the first, those left out
     # by any among the last.
     of_elements = chosen[space.numbers]
@@ -212,22 +277,32 @@ def gains_of_more_functions(
         matrix = blocks[:, absent, present].transpose(0, 1, 3, 2, 4)
         matrix = matrix.reshape(len(elements), 3 * len(own), -1)
         local = vectors[space.numbers[elements][:, present]]
+        own_blocks = blocks[:, own, own]
+        if sector is not None:
+            local = sector.frames[elements][:, present] @ local
         force = np.matmul(matrix, local.reshape(len(elements), -1, modes))
         inertia = np.matmul(weights[:, absent, present], local.reshape(*local.shape[:2], 3 * modes))
         inertia = inertia.reshape(len(elements), len(own), 3, modes) * eta_squared
-        excess = (force.reshape(inertia.shape) - inertia).reshape(-1, 3 * modes)
+        excess = force.reshape(inertia.shape) - inertia
+        if sector is not None:
+            back = sector.frames[elements][:, absent].conj().swapaxes(-1, -2)
+            excess, own_blocks = back @ excess, back @ own_blocks @ back.conj().swapaxes(-1, -2)
         entries = numbers.size
         gather = sparse.csr_matrix(
             (np.ones(entries), (numbers.ravel(), np.arange(entries))), shape=(space.size, entries)
         )
-        residual += np.asarray(gather @ excess)
-        diagonal += np.asarray(gather @ blocks[:, own, own].reshape(-1, 9))
+        residual += np.asarray(gather @ excess.reshape(-1, 3 * modes))
+        diagonal += np.asarray(gather @ own_blocks.reshape(-1, 9))
     candidates = np.flatnonzero(~chosen)
     result = np.zeros((space.size, modes))
     residuals = residual[candidates].reshape(-1, 3, modes)
-    result[candidates] = np.sum(
-        residuals * np.linalg.solve(diagonal[candidates].reshape(-1, 3, 3), residuals), axis=1
-    )
+    diagonals = diagonal[candidates].reshape(-1, 3, 3)
+    if sector is not None:
+        held = ~sector.free[candidates]
+        residuals[held] = 0.0
+        diagonals[held[:, :, None] | held[:, None, :]] = 0.0
+        diagonals[:, range(3), range(3)] += held
+    result[candidates] = np.sum(residuals.conj() * np.linalg.solve(diagonals, residuals), axis=1).real
     return result
 
 

@@ -18,12 +18,12 @@ class Space:
 
     Attributes
     ----------
-    tetrahedra : (t, 4) int64, corners of each element in ascending order (so either orientation)
+    tetrahedra : (t, 4) int64, corners of each element in an order that neighbours agree on (so either
+        orientation): ascending, unless `of_corners` was given another
     vertex_count : number of vertices; function v is the hat function of vertex v
     order : highest order, 1 to 5
     numbers : (t, functions of an element) int64, global number of each local function
     orders : (function,) int64, order of each function, ascending
-    entities : (function,) int64; functions of the same entity (edge, face, interior) and order share a number
     geometry : (function, 3) float64, the map from the reference to space in these same functions, so that
         rigid motions are in the space whatever the shape of the elements
     curved : (t,) bool, whether an element's map is more than linear
@@ -34,7 +34,6 @@ class Space:
     order: int
     numbers: Integers
     orders: Integers
-    entities: Integers
     geometry: Floats
     curved: NDArray[np.bool_]
 
@@ -42,21 +41,28 @@ class Space:
     def on(cls, vertices: Floats, tetrahedra: Integers, order: int) -> "Space":
         """Space of an order on straight elements; `tetrahedra` in any orientation."""
         corners = np.sort(np.asarray(tetrahedra, dtype=np.int64), axis=1)
-        count = len(vertices)
+        space = cls.of_corners(len(vertices), corners, order)
+        space.geometry[: len(vertices)] = vertices
+        return space
+
+    @classmethod
+    def of_corners(cls, count: int, corners: Integers, order: int) -> "Space":
+        """Space of an order without a shape, on corners (t, 4) of `count` vertices.
+
+        Their order in an element is that of its functions; elements have to agree on it at common edges and
+        faces. Functions are numbered alike whatever it is.
+        """
         if count >= 2**21:
             raise ValueError(f"{count} vertices: numbering holds fewer than 2097152")
-        edges, edge_of = _unique_rows(corners[:, EDGES], count)
-        faces, face_of = _unique_rows(corners[:, FACES], count)
-        start = {2: 0, 3: edges, 4: edges + faces}
+        edges, edge_of = _unique_rows(np.sort(corners[:, EDGES], axis=-1), count)
+        faces, face_of = _unique_rows(np.sort(corners[:, FACES], axis=-1), count)
         of_kind = {2: edge_of, 3: face_of, 4: np.arange(len(corners))[:, None]}
         local = {2: [tuple(e) for e in EDGES], 3: [tuple(f) for f in FACES], 4: [(0, 1, 2, 3)]}
-        entity_count = edges + faces + len(corners)
 
         table = functions(order)
         numbers = np.empty((len(corners), len(table)), dtype=np.int64)
         numbers[:, :4] = corners
         orders = [np.ones(count, dtype=np.int64)]
-        entities = [np.arange(count, dtype=np.int64)]
         total = count
         for k in range(2, order + 1):
             for kind, sizes in ((2, edges), (3, faces), (4, len(corners))):
@@ -70,21 +76,9 @@ class Space:
                         place = local[kind].index(function.corners)
                         numbers[:, index] = total + of_kind[kind][:, place] * many + function.number
                 orders.append(np.full(sizes * many, k, dtype=np.int64))
-                number = count + k * entity_count + start[kind] + np.arange(sizes)
-                entities.append(np.repeat(number, many))
                 total += sizes * many
-        geometry = np.zeros((total, 3))
-        geometry[:count] = vertices
-        return cls(
-            corners,
-            count,
-            order,
-            numbers,
-            np.concatenate(orders),
-            np.unique(np.concatenate(entities), return_inverse=True)[1].astype(np.int64),
-            geometry,
-            np.zeros(len(corners), dtype=bool),
-        )
+        straight = np.zeros(len(corners), dtype=bool)
+        return cls(corners, count, order, numbers, np.concatenate(orders), np.zeros((total, 3)), straight)
 
     @property
     def size(self) -> int:
@@ -108,10 +102,13 @@ class Space:
             order,
             self.numbers[:, : len(functions(order))],
             self.orders[:size],
-            self.entities[:size],
             self.geometry[:size],
             self.curved,
         )
+
+    def shapes(self, elements: Integers) -> Floats:
+        """Geometry of elements, (t, functions of an element, 3)."""
+        return self.geometry[self.numbers[elements]]
 
     def shaped(self, geometry: Floats) -> "Space":
         """The same functions on elements of another shape, `geometry` (function, 3)."""
@@ -123,7 +120,7 @@ class Space:
     ) -> Floats:
         """Field (n, ...) of coefficients (function, ...) in elements (n,) at barycentric coordinates (n, 4).
 
-        Coordinates belong to the corners in ascending order, as `tetrahedra` has them. With `offset` (n, 3),
+        Coordinates belong to the corners in the order that `tetrahedra` has. With `offset` (n, 3),
         continued linearly so far beyond those points.
         """
         weights = evaluate(barycentric, self.order)

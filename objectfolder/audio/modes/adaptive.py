@@ -72,6 +72,7 @@ class Goal:
     max_unknowns : of the last solution; where more would be needed, the most useful ones are taken
     seed : of random starts
     limits : of memory and time
+    guard_modes : modes beyond those wanted that are taken along, at least
     """
 
     below: float
@@ -80,6 +81,7 @@ class Goal:
     max_unknowns: int
     seed: int
     limits: Limits = NO_LIMITS
+    guard_modes: int = GUARD_MODES
 
     def most_functions(self, modes: int) -> int:
         """Functions at most: of `max_unknowns`, and of four blocks of as many modes in memory."""
@@ -153,7 +155,7 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, goal
     )
     return replace(
         spectrum,
-        error_cents=_remaining_cents(choice, spectrum.eta_squared),
+        error_cents=remaining_cents(choice, spectrum.eta_squared),
         steps=[
             {"order": GEOMETRY_ORDER + index, "functions": count}
             for index, count in enumerate(choice.functions)
@@ -164,26 +166,45 @@ def adapt_spectrum(space: Space, component: Integers, poisson_ratio: float, goal
 
 def _choose(space: Space, component: Integers, poisson_ratio: float, goal: Goal) -> Choice:
     """Choose the functions of a space that modes need for an accuracy."""
-    usual = _up_to(space, min(USUAL_ORDER, space.order))
-    highest, few = space, usual.size <= MOST_FUNCTIONS
-    if space.size > FEW_FUNCTIONS and goal.accuracy_cents >= USUAL_CENTS:
-        space = usual
+    choice = first_choice(space, poisson_ratio, goal)
+    if goal.below < COMPACT_LIMIT:
+        pencil = pencil_of(choice.matrices, component, choice.chosen, goal.limits)
+        if count_below(pencil, goal.below) == 0:
+            if _is_silent(choice, pencil, _usual(space, goal)[0], component, goal):
+                return choice
+            largest = _largest(_up_to(space, min(USUAL_ORDER, space.order)), goal.max_unknowns // 3)
+            matrices = ElementMatrices(largest, poisson_ratio)
+            return Choice(matrices, np.ones(matrices.space.size, dtype=bool), matrices.space.order)
+    return climb(solved(choice, component, goal), space, component, goal)
+
+
+def first_choice(space: Space, poisson_ratio: float, goal: Goal) -> Choice:
+    """All functions of order 2, nothing solved yet.
+
+    Raises
+    ------
+    UnsolvableError
+        They have more unknowns than there may be.
+    """
     order = min(GEOMETRY_ORDER, space.order)
     _refuse_many(space, order, goal)
     matrices = ElementMatrices(_up_to(space, order), poisson_ratio)
     chosen = matrices.space.orders <= order
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
-    choice = Choice(matrices, chosen, order)
-    if goal.below < COMPACT_LIMIT:
-        pencil = pencil_of(matrices, component, chosen, goal.limits)
-        if count_below(pencil, goal.below) == 0:
-            if _is_silent(choice, pencil, space, component, goal):
-                return choice
-            largest = _largest(usual, goal.max_unknowns // 3)
-            matrices = ElementMatrices(largest, poisson_ratio)
-            return Choice(matrices, np.ones(matrices.space.size, dtype=bool), matrices.space.order)
+    return Choice(matrices, chosen, order)
+
+
+def _usual(space: Space, goal: Goal) -> tuple[Space, bool]:
+    """The functions that are chosen from at first, and whether those of the highest order are few enough."""
+    usual = _up_to(space, min(USUAL_ORDER, space.order))
+    few = usual.size <= MOST_FUNCTIONS
+    return (usual if space.size > FEW_FUNCTIONS and goal.accuracy_cents >= USUAL_CENTS else space), few
+
+
+def climb(choice: Choice, space: Space, component: Integers, goal: Goal) -> Choice:
+    """A choice that is solved, with functions of higher orders as far as modes need them."""
+    highest, (space, few) = space, _usual(space, goal)
     while True:
-        choice = _solved(choice, component, goal)
         if choice.order == space.order or len(choice.ladder[-1]) == 0:
             return choice
         before, choice = choice.order, _enriched(choice, space, goal)
@@ -192,6 +213,7 @@ def _choose(space: Space, component: Integers, poisson_ratio: float, goal: Goal)
             space = highest
         if choice.order in (before, space.order):
             return choice
+        choice = solved(choice, component, goal)
 
 
 def _refuse_many(space: Space, order: int, goal: Goal) -> None:
@@ -221,12 +243,12 @@ def _is_silent(choice: Choice, pencil: Pencil, space: Space, component: Integers
     matrices = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
     every = np.ones(matrices.space.size, dtype=bool)
     upper = pencil_of(matrices, component, every, goal.limits)
-    start = _widened(low.vectors, _among_more(choice.chosen, matrices.space))
+    start = widened(low.vectors, _among_more(choice.chosen, matrices.space))
     high = improve(upper, start, shift=shift)
     return bool(2 * high.values[0] - low.values[0] > goal.below)
 
 
-def _solved(choice: Choice, component: Integers, goal: Goal) -> Choice:
+def solved(choice: Choice, component: Integers, goal: Goal) -> Choice:
     """The choice with its modes: those below the limit and some beyond, nearly.
 
     From the vectors of fewer functions as many as these; else those looked for from scratch.
@@ -241,13 +263,13 @@ def _solved(choice: Choice, component: Integers, goal: Goal) -> Choice:
         pairs = lowest_elastic(
             pencil,
             below=GUARD_BAND * goal.below,
-            at_most=goal.max_modes + _guard(goal.max_modes),
+            at_most=goal.max_modes + _guard(goal.max_modes, goal),
             shift=shift,
             tolerance=START_TOLERANCE,
             seed=goal.seed,
         )
     inside = min(int(np.count_nonzero(pairs.values < band * goal.below)), goal.max_modes)
-    pairs = pairs.first(min(len(pairs.values), inside + _guard(inside)))
+    pairs = pairs.first(min(len(pairs.values), inside + _guard(inside, goal)))
     together = choice.together
     if choice.ladder:
         together = _measured_together(choice, pairs.values, goal.below)
@@ -273,7 +295,7 @@ def _enriched(choice: Choice, space: Space, goal: Goal) -> Choice:
     values = eigenvalues[leading]
     upper = ElementMatrices(_up_to(space, choice.order + 1), choice.matrices.poisson_ratio)
     before = _among_more(choice.chosen, upper.space)
-    first = _widened(pairs.vectors[:, leading], before).reshape(-1, 3, len(values))
+    first = widened(pairs.vectors[:, leading], before).reshape(-1, 3, len(values))
     used = before.copy()
     gains = gains_of_more_functions(upper, used, first, values) / values
     heard = values * (1 - np.minimum(choice.together * gains.sum(axis=0), 0.9)) < goal.below
@@ -294,7 +316,7 @@ def _enriched(choice: Choice, space: Space, goal: Goal) -> Choice:
         matrices=upper,
         chosen=used,
         order=choice.order + 1,
-        pairs=Eigenpairs(eigenvalues, _widened(pairs.vectors, before[used])),
+        pairs=Eigenpairs(eigenvalues, widened(pairs.vectors, before[used])),
     )
 
 
@@ -315,9 +337,9 @@ def _largest(space: Space, functions: int) -> Space:
     return _up_to(space, order)
 
 
-def _guard(modes: int) -> int:
+def _guard(modes: int, goal: Goal) -> int:
     """How many modes beyond those wanted are taken along."""
-    return max(GUARD_MODES, int(GUARD_SHARE * modes))
+    return max(goal.guard_modes, int(GUARD_SHARE * modes))
 
 
 def _up_to(space: Space, order: int) -> Space:
@@ -331,14 +353,14 @@ def _among_more(chosen: Chosen, space: Space) -> Chosen:
     return np.concatenate([chosen, np.zeros(space.size - len(chosen), dtype=bool)])
 
 
-def _widened(vectors: Floats, among: Chosen) -> Floats:
+def widened(vectors: Floats, among: Chosen) -> Floats:
     """Vectors (3 n, k) of the functions that are true `among` others (m,), zero in the others, (3 m, k)."""
-    result = np.zeros((len(among), 3, vectors.shape[1]))
+    result = np.zeros((len(among), 3, vectors.shape[1]), vectors.dtype)
     result[among] = vectors.reshape(-1, 3, vectors.shape[1])
     return result.reshape(3 * len(among), -1)
 
 
-def _remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
+def remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     """Estimated frequency error of each mode, cents, (k,): what was left out or what is to come, if more.
 
     Each alone covers nearly all errors, and their sum is more than is needed. Of functions left out the

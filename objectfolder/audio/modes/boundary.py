@@ -25,14 +25,14 @@ class Boundary:
     def __init__(self, solid: Solid, space: Space, length: float) -> None:
         faces, element, opposite = solid.boundary()
         self._solid, self._space, self._length = solid, space, length
-        # The space has the corners of an element in ascending order.
-        self._rank = np.argsort(np.argsort(solid.tetrahedra, axis=1), axis=1)
+        # The space has the corners of an element in an order of its own.
+        self._rank = np.argmax(solid.tetrahedra[:, :, None] == space.tetrahedra[:, None, :], axis=2)
         weights, triangles = _division(DIVISIONS if space.curved.any() else 1)
         many = len(weights)
         local = np.zeros((len(faces), many, 4))
         columns = LOCAL_FACES[opposite]
         np.put_along_axis(local, np.repeat(columns[:, None], many, axis=1), weights[None], axis=2)
-        self._barycentric = self._ascending(np.repeat(element, many), local.reshape(-1, 4))
+        self._barycentric = self._in_order(np.repeat(element, many), local.reshape(-1, 4))
         positions = space.values(space.geometry, np.repeat(element, many), self._barycentric) * length
         drawn = (np.arange(len(faces))[:, None, None] * many + triangles).reshape(-1, 3)
         self.surface = Surface(positions, drawn)
@@ -61,7 +61,7 @@ class Boundary:
             holder, inside = _locate(self._solid, points[deep])
             hit = holder >= 0
             holders = holder[hit]
-            result[deep[hit]] = self._space.values(vectors, holders, self._ascending(holders, inside[hit]))
+            result[deep[hit]] = self._space.values(vectors, holders, self._in_order(holders, inside[hit]))
             distance[deep[hit]] = 0.0
             outside[deep[hit]] = False
         reached = np.minimum(2 * epsilon_m / np.maximum(distance, 1e-300), 1.0)
@@ -95,8 +95,8 @@ class Boundary:
                 total += (area[chunk] / 3) @ np.einsum("nk,nkm->nm", normals[chunk], values) ** 2
         return np.asarray(np.sqrt(total / self.surface.area))
 
-    def _ascending(self, element: Integers, barycentric: Floats) -> Floats:
-        """Coordinates by ascending corner number from coordinates as the solid has its corners."""
+    def _in_order(self, element: Integers, barycentric: Floats) -> Floats:
+        """Coordinates as the space has its corners from coordinates as the solid has them."""
         result = np.empty_like(barycentric)
         np.put_along_axis(result, self._rank[element], barycentric, axis=1)
         return result

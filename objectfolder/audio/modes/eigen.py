@@ -9,6 +9,7 @@ axes and is given once.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,13 @@ from objectfolder.audio.modes.limits import NO_LIMITS, Limits
 from objectfolder.errors import UnsolvableError
 
 Floats = NDArray[np.float64]
+Values = NDArray[Any]  # float64 or complex128
 Integers = NDArray[np.int64]
 BLOCK_COLUMNS, MOST_BLOCKS = 16, 400
 # Random starts of the iteration, where its blocks become dependent.
 MOST_STARTS = 2
-# Unknowns up to which a dense solver is used.
-DENSE = 900
+# Unknowns up to which a dense solver is used: of a body, of a wave around the axis of one.
+DENSE, DENSE_WAVE = 900, 150
 # Rows of long vectors at a time, where a second copy of all of them would cost memory.
 COPY_ROWS = 16384
 # Of the first pass of Cholesky QR: with less, a second pass is orthonormal to rounding (Y. Yamamoto et al.,
@@ -33,7 +35,7 @@ LARGEST_FIRST_LOSS = 5 / 64
 
 
 def weigh(mass: sparse.csr_matrix, vectors: Floats) -> Floats:
-    """M x for the mass (n, n) of one axis and vectors (3 n, k), unknown 3 function + axis."""
+    """M x for the mass (n, n) of one axis, or (3 n, 3 n), and vectors (3 n, k), unknown 3 function + axis."""
     return np.asarray(mass @ vectors.reshape(mass.shape[0], -1)).reshape(vectors.shape)
 
 
@@ -43,8 +45,8 @@ class Pencil:
 
     Attributes
     ----------
-    stiffness : (3 n, 3 n), unknown 3 function + axis, in blocks of 3
-    mass : (n, n) of one axis, an entry for each block
+    stiffness : (3 n, 3 n), unknown 3 function + axis, in blocks of 3; symmetric, or complex and Hermitian
+    mass : (n, n) of one axis, an entry for each block; or (3 n, 3 n), zero for unknowns that are held
     rigid : (3 n, r) M-orthonormal rigid motions
     limits : of its solution
     """
@@ -59,13 +61,25 @@ class Pencil:
         """Number of unknowns."""
         return len(self.rigid)
 
+    @property
+    def is_small(self) -> bool:
+        """Whether a dense solver is used."""
+        return self.size <= (DENSE if self.mass.shape != self.stiffness.shape else DENSE_WAVE)
+
+    def random(self, generator: np.random.Generator, columns: int) -> Values:
+        """Random vectors (3 n, columns)."""
+        vectors = generator.standard_normal((self.size, columns)).astype(self.stiffness.dtype)
+        if self.mass.shape == self.stiffness.shape:
+            vectors[self.mass.diagonal().real == 0] = 0.0
+        return vectors
+
     @cached_property
     def _mass_rigid(self) -> Floats:
         return weigh(self.mass, self.rigid)
 
     def without_rigid(self, vectors: Floats) -> Floats:
         """Vectors (3 n, k) made M-orthogonal to the rigid motions, in place."""
-        shares = self._mass_rigid.T @ vectors
+        shares = self._mass_rigid.conj().T @ vectors
         for rows in parts(len(vectors), COPY_ROWS):
             vectors[rows] -= self.rigid[rows] @ shares
         return vectors
@@ -167,8 +181,8 @@ def orthonormalise(block: Floats, mass: sparse.csr_matrix) -> tuple[Floats, Floa
 
 
 def _gram(block: Floats, mass: sparse.csr_matrix) -> Floats:
-    gram: Floats = block.T @ weigh(mass, block)
-    return (gram + gram.T) / 2
+    gram: Floats = block.conj().T @ weigh(mass, block)
+    return (gram + gram.conj().T) / 2
 
 
 def _cholesky_qr(block: Floats, gram: Floats) -> tuple[Floats, Floats]:
@@ -226,10 +240,8 @@ def lowest_elastic(
     SimulationError
         When the iteration does not converge in `MOST_BLOCKS` blocks, or breaks down from every start.
     """
-    if pencil.size <= DENSE:
-        values, vectors = linalg.eigh(pencil.stiffness.toarray(), np.kron(pencil.mass.toarray(), np.eye(3)))
-        count = pencil.rigid.shape[1]
-        values, vectors = values[count:], vectors[:, count:]
+    if pencil.is_small:
+        values, vectors = _dense_pairs(pencil)
         pair_count = min(int(np.count_nonzero(values < below)), at_most) + 1
         return Eigenpairs(values[:pair_count], vectors[:, :pair_count])
     factors = pencil.factorise(shift, definite=True)
@@ -246,6 +258,19 @@ def lowest_elastic(
     )
 
 
+def _dense_pairs(pencil: Pencil) -> tuple[Floats, Values]:
+    """All elastic eigenvalues and their vectors, ascending, by a dense solver."""
+    stiffness, mass = pencil.stiffness.toarray(), pencil.mass.toarray()
+    if mass.shape != stiffness.shape:
+        mass = np.kron(mass, np.eye(3))
+    moving = np.flatnonzero(np.diag(mass).real > 0)
+    values, some = linalg.eigh(stiffness[np.ix_(moving, moving)], mass[np.ix_(moving, moving)])
+    vectors = np.zeros((pencil.size, len(moving)), some.dtype)
+    vectors[moving] = some
+    count = pencil.rigid.shape[1]
+    return values[count:], vectors[:, count:]
+
+
 class _Lanczos:
     """Block Lanczos basis of (K - sigma M)^-1 M in the M-orthogonal complement of the rigid motions."""
 
@@ -253,12 +278,12 @@ class _Lanczos:
         self, pencil: Pencil, factors: Factorisation, at_most: int, generator: np.random.Generator
     ) -> None:
         self._pencil, self._factors = pencil, factors
-        start = pencil.without_rigid(factors.solve(generator.standard_normal((pencil.size, BLOCK_COLUMNS))))
+        start = pencil.without_rigid(factors.solve(pencil.random(generator, BLOCK_COLUMNS)))
         self._next, self._remainder = orthonormalise(start, pencil.mass)
         minimum = min(at_most, 4096) + 4 * BLOCK_COLUMNS
         room = pencil.limits.vector_values / (2 * pencil.size)
         self._capacity = int(max(min(minimum + 2 * min(at_most, 4096), room), minimum, 10 * BLOCK_COLUMNS))
-        self._basis = np.empty((pencil.size, self._capacity + BLOCK_COLUMNS), order="F")
+        self._basis = np.empty((pencil.size, self._capacity + BLOCK_COLUMNS), start.dtype, order="F")
         self._mass_basis = np.empty_like(self._basis)
         self._projected = np.zeros((0, 0))
 
@@ -292,15 +317,15 @@ class _Lanczos:
         self._basis[:, block] = self._next
         self._mass_basis[:, block] = weigh(self._pencil.mass, self._next)
         image = self._pencil.without_rigid(self._factors.solve(self._mass_basis[:, block]))
-        coefficients = np.zeros((width, BLOCK_COLUMNS))
+        coefficients = np.zeros((width, BLOCK_COLUMNS), image.dtype)
         for _ in range(2):  # orthogonalised twice: once leaves rounding errors that grow
-            part = self._mass_basis[:, :width].T @ image
+            part = self._mass_basis[:, :width].conj().T @ image
             image -= self._basis[:, :width] @ part
             coefficients += part
-        grown = np.zeros((width, width))
+        grown = np.zeros((width, width), image.dtype)
         grown[:-BLOCK_COLUMNS, :-BLOCK_COLUMNS] = self._projected
         grown[:, -BLOCK_COLUMNS:] = coefficients
-        grown[-BLOCK_COLUMNS:, :] = coefficients.T
+        grown[-BLOCK_COLUMNS:, :] = coefficients.conj().T
         self._projected = grown
         self._next, self._remainder = orthonormalise(self._pencil.without_rigid(image), self._pencil.mass)
 

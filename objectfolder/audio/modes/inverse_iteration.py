@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from objectfolder.audio.factorisation import RIGHT_SIDES_AT_ONCE, Factorisation
-from objectfolder.audio.modes.eigen import COPY_ROWS, DENSE, Eigenpairs, Pencil, lowest_elastic, parts, weigh
+from objectfolder.audio.modes.eigen import COPY_ROWS, Eigenpairs, Pencil, lowest_elastic, parts, weigh
 
 Floats = NDArray[np.float64]
 # Rounds for what only has to be nearly right.
@@ -25,7 +25,7 @@ def improve(pencil: Pencil, start: Floats, *, shift: float) -> Eigenpairs:
     As many as `start` (3 n, k) has, which is overwritten, in ascending order. Enough for what only has to be
     nearly right: an eigenvalue is off by the square of how far its vector is.
     """
-    if pencil.size <= DENSE:
+    if pencil.is_small:
         return lowest_elastic(pencil, below=np.inf, at_most=start.shape[1], shift=shift)
     factors = pencil.factorise(shift, definite=True)
     return refine(pencil, factors, shift, start, below=np.inf, tolerance=0.0, rounds=NEARLY)[0]
@@ -90,7 +90,9 @@ def _unit(pencil: Pencil, vectors: Floats) -> Floats:
     vectors = pencil.without_rigid(vectors)
     for columns in parts(vectors.shape[1], RIGHT_SIDES_AT_ONCE):
         part = np.ascontiguousarray(vectors[:, columns])
-        vectors[:, columns] = part / np.sqrt(np.einsum("ij,ij->j", part, weigh(pencil.mass, part)))
+        vectors[:, columns] = part / np.sqrt(
+            np.einsum("ij,ij->j", part.conj(), weigh(pencil.mass, part)).real
+        )
     return vectors
 
 
@@ -103,8 +105,8 @@ class _Image:
     Attributes
     ----------
     vectors : (3 n, k) the images W
-    gram : (k, k) W^T M W
-    across : (k, k) V^T M W
+    gram : (k, k) W^H M W
+    across : (k, k) V^H M W
     size : (k,) factors that made them of unit mass
     """
 
@@ -116,15 +118,15 @@ class _Image:
     @classmethod
     def of(cls, pencil: Pencil, factors: Factorisation, vectors: Floats) -> "_Image":
         """The images of vectors."""
-        image, count = np.empty(vectors.shape), vectors.shape[1]
+        image, count = np.empty_like(vectors), vectors.shape[1]
         for columns in parts(count, RIGHT_SIDES_AT_ONCE):
             image[:, columns] = factors.solve(weigh(pencil.mass, np.ascontiguousarray(vectors[:, columns])))
         pencil.without_rigid(image)
-        gram, across = np.empty((count, count)), np.empty((count, count))
+        gram, across = (np.empty((count, count), vectors.dtype) for _ in range(2))
         for columns in parts(count, RIGHT_SIDES_AT_ONCE):
             weighed = weigh(pencil.mass, np.ascontiguousarray(image[:, columns]))
-            gram[:, columns], across[:, columns] = image.T @ weighed, vectors.T @ weighed
-        size = 1 / np.sqrt(np.diag(gram))
+            gram[:, columns], across[:, columns] = image.conj().T @ weighed, vectors.conj().T @ weighed
+        size = 1 / np.sqrt(np.diag(gram).real)
         image *= size
         return cls(image, gram * size * size[:, None], across * size, size)
 
@@ -135,14 +137,14 @@ def _rayleigh_ritz(shift: float, values: Floats, vectors: Floats, image: _Image)
     K is never multiplied by: K image = shift M image + M vectors, each column scaled by `size`. The result is
     written over `vectors`.
     """
-    stiff = shift * image.gram + image.across.T * image.size
+    stiff = shift * image.gram + image.across.conj().T * image.size
     count = len(values)
     if count == 0:
         ritz_values, weights = _ritz(image.gram, stiff)
         return ritz_values, _combined(vectors, (image.vectors, weights))
     corner = shift * image.across + image.size * np.eye(count)
-    joint_gram = np.block([[np.eye(count), image.across], [image.across.T, image.gram]])
-    joint_stiffness = np.block([[np.diag(values), corner], [corner.T, stiff]])
+    joint_gram = np.block([[np.eye(count), image.across], [image.across.conj().T, image.gram]])
+    joint_stiffness = np.block([[np.diag(values), corner], [corner.conj().T, stiff]])
     ritz_values, weights = _ritz(joint_gram, joint_stiffness)
     upper, lower = weights[:count, :count], weights[count:, :count]
     return ritz_values[:count], _combined(vectors, (vectors, upper), (image.vectors, lower))
@@ -158,10 +160,10 @@ def _combined(into: Floats, *terms: tuple[Floats, Floats]) -> Floats:
 
 def _ritz(gram: Floats, stiff: Floats) -> tuple[Floats, Floats]:
     """Ritz values, ascending, and weights (basis, independent) of a basis that may be nearly dependent."""
-    scale = 1 / np.sqrt(np.diag(gram))
-    weights, axes = linalg.eigh((gram + gram.T) / 2 * scale * scale[:, None])
+    scale = 1 / np.sqrt(np.diag(gram).real)
+    weights, axes = linalg.eigh((gram + gram.conj().T) / 2 * scale * scale[:, None])
     independent = weights > DEPENDENT * weights[-1]
     basis = scale[:, None] * axes[:, independent] / np.sqrt(weights[independent])
-    projected = basis.T @ (stiff + stiff.T) @ basis / 2
-    values, ritz = linalg.eigh((projected + projected.T) / 2)
+    projected = basis.conj().T @ (stiff + stiff.conj().T) @ basis / 2
+    values, ritz = linalg.eigh((projected + projected.conj().T) / 2)
     return values, basis @ ritz

@@ -12,6 +12,8 @@ from objectfolder.audio.air.radiation_loss import dampings_of, radiation_damping
 from objectfolder.audio.air.radiation_product import radiation_arrays
 from objectfolder.audio.damping import LOSS_FACTOR, damping_of, describe_damping
 from objectfolder.audio.elements.facing_target import rounding
+from objectfolder.audio.elements.sectors import Sectors, sectors_of
+from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
 from objectfolder.audio.modes.boundary import Boundary
@@ -28,6 +30,7 @@ from objectfolder.audio.modes.product_arrays import (
     spectrum_attributes,
 )
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
+from objectfolder.audio.modes.waves_around import wave_spectrum
 from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.bending_waves import BendingWaves
@@ -213,7 +216,11 @@ def modes_of_solid(
     below = (2 * np.pi * max_frequency_hz / units.radians_per_s) ** 2
     limits = Limits.from_now(memory_limit_gb, time_limit_s)
     goal = Goal(below, accuracy_cents, max_modes, max_unknowns, seed, limits)
-    spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, goal)
+    sectors = _sectors(solid, space, units.length_m)
+    if sectors is None:
+        spectrum = adapt_spectrum(space, solid.component, material.poisson_ratio, goal)
+    else:
+        spectrum = wave_spectrum(sectors, material.poisson_ratio, goal)
     reading = _cpu_seconds()
     counts = training_points, held_out_points
     boundary = Boundary(solid, spectrum.space, units.length_m)
@@ -300,6 +307,15 @@ def _read(
         "material": material.name,
     }
     return arrays, attributes
+
+
+def _sectors(solid: Solid, space: Space, length_m: float) -> Sectors | None:
+    """Equal sectors of a solid that was filled by turning; None of others."""
+    if solid.report.get("way") != REVOLVED or solid.components > 1:
+        return None
+    axis, count = solid.report["axis"], solid.report["sectors"]
+    straight, point = solid.vertices / length_m, np.array(axis["point_m"]) / length_m
+    return sectors_of(space, straight, point, np.array(axis["direction"]), count)
 
 
 def _with_equal_pairs(spectrum: Spectrum, solid: Solid, boundary: Boundary) -> tuple[Spectrum, list[float]]:

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 from objectfolder.audio.elements.curving import GEOMETRY_ORDER, curve
 from objectfolder.audio.elements.elasticity import ElementMatrices, assemble
+from objectfolder.audio.elements.sectors import SectorSpace
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.factorisation import SOLVER, Factorisation
 from objectfolder.audio.modes.eigen import (
-    DENSE,
     Eigenpairs,
     Pencil,
     count_below,
     low_shift,
     lowest_elastic,
+    orthonormalise,
     rigid_motions,
 )
 from objectfolder.audio.modes.inverse_iteration import refine
@@ -76,7 +77,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
-class _Band:
+class Band:
     """What is wanted: eta^2 below a limit, at most `max_modes` modes, cut at one of the last `choices`."""
 
     below: float
@@ -97,7 +98,7 @@ class _Band:
 
 
 @dataclass(frozen=True)
-class _CutModes:
+class CutModes:
     """The modes kept, the limit below which there are no others, and eigenvalues of some beyond it."""
 
     pairs: Eigenpairs
@@ -105,7 +106,7 @@ class _CutModes:
     beyond: Floats
 
     @classmethod
-    def of(cls, pairs: Eigenpairs, count: int, limit: float) -> "_CutModes":
+    def of(cls, pairs: Eigenpairs, count: int, limit: float) -> "CutModes":
         """The first `count` of the pairs, and the eigenvalues of the rest."""
         return cls(pairs.first(count), limit, pairs.values[count:])
 
@@ -165,25 +166,38 @@ def solve_spectrum(
     SimulationError
         When the inertia count and the modes found differ after a second search from scratch.
     """
-    started = time.process_time()
     if chosen is None:
         chosen = np.ones(space.size, dtype=bool)
-    pencil = pencil_of(matrices or ElementMatrices(space, poisson_ratio), component, chosen, limits)
-    band = _Band(below, max_modes, CUT_CHOICES if cut else 1, certify, seed)
+    band = Band(below, max_modes, CUT_CHOICES if cut else 1, certify, seed)
+    matrices = matrices or ElementMatrices(space, poisson_ratio)
+    pencil, modes, seconds = solve_band(matrices, component, chosen, band, start, limits)
+    return _as_spectrum(space, pencil, chosen, modes, certify, seconds)
+
+
+def solve_band(
+    matrices: ElementMatrices,
+    component: Integers,
+    chosen: NDArray[np.bool_],
+    band: "Band",
+    start: Eigenpairs | None,
+    limits: Limits,
+) -> tuple[Pencil, "CutModes", dict[str, float]]:
+    """The pencil of the chosen functions, its modes in a band, and CPU seconds; see `solve_spectrum`."""
+    started = time.process_time()
+    pencil = pencil_of(matrices, component, chosen, limits)
     assembled = time.process_time()
-    modes: _CutModes | None = None
-    if start is not None and certify and pencil.size > DENSE:
+    modes: CutModes | None = None
+    if start is not None and band.certify and not pencil.is_small:
         modes = _from_near(pencil, band, start)
     modes = modes or _from_scratch(pencil, band)
-    seconds = {"assemble": assembled - started, "solve": time.process_time() - assembled}
-    return _as_spectrum(space, pencil, chosen, modes, certify, seconds)
+    return pencil, modes, {"assemble": assembled - started, "solve": time.process_time() - assembled}
 
 
 def _as_spectrum(
     space: Space,
     pencil: Pencil,
     chosen: NDArray[np.bool_],
-    modes: _CutModes,
+    modes: CutModes,
     certify: bool,
     seconds: dict[str, float],
 ) -> Spectrum:
@@ -229,13 +243,18 @@ def pencil_of(
     """
     space = matrices.space
     stiffness, mass = assemble(space, matrices.poisson_ratio, chosen, matrices)
+    if isinstance(space, SectorSpace):
+        motions = space.rigid_motions()[chosen]
+        motions = motions.reshape(3 * len(motions), -1) if motions.size else np.zeros((3 * len(motions), 0))
+        rigid = orthonormalise(motions, mass)[0] if motions.shape[1] else motions
+        return Pencil(stiffness, mass, rigid, limits)
     body = np.empty(space.size, dtype=np.int64)
     body[space.numbers] = component[space.tetrahedra[:, :1]]
     rigid = rigid_motions(space.geometry[chosen], body[chosen], space.vertex_count, mass)
     return Pencil(stiffness, mass, rigid, limits)
 
 
-def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _CutModes | None:
+def _from_near(pencil: Pencil, band: Band, near: Eigenpairs) -> CutModes | None:
     """Modes by inverse iteration at the limit from near-by ones; None where their number is not that counted.
 
     The limit itself is a good shift: what the vectors lack is of far higher frequency, and no second
@@ -254,7 +273,7 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _CutModes | Non
         return None
     start = near.vectors
     if lacking:
-        more = np.random.default_rng(band.seed).standard_normal((pencil.size, lacking))
+        more = pencil.random(np.random.default_rng(band.seed), lacking)
         start = np.concatenate([start, more], axis=1)
     try:
         pairs, change = refine(
@@ -269,8 +288,8 @@ def _from_near(pencil: Pencil, band: _Band, near: Eigenpairs) -> _CutModes | Non
     pairs = _polished(pencil, pairs, band.below)
     count, limit = band.cut(pairs.values)
     if count == inside:
-        return _CutModes.of(pairs, count, shift)
-    return _CutModes.of(pairs, count, limit) if count_below(pencil, limit) == count else None
+        return CutModes.of(pairs, count, shift)
+    return CutModes.of(pairs, count, limit) if count_below(pencil, limit) == count else None
 
 
 def _polished(pencil: Pencil, pairs: Eigenpairs, below: float) -> Eigenpairs:
@@ -306,7 +325,7 @@ def _polished(pencil: Pencil, pairs: Eigenpairs, below: float) -> Eigenpairs:
     return pairs
 
 
-def _from_scratch(pencil: Pencil, band: _Band) -> _CutModes:
+def _from_scratch(pencil: Pencil, band: Band) -> CutModes:
     """Modes by Lanczos, sharper and from other vectors where their number is not that counted."""
     for attempt, tolerance in enumerate((1e-7, 1e-11)):
         pairs = lowest_elastic(
@@ -320,7 +339,7 @@ def _from_scratch(pencil: Pencil, band: _Band) -> _CutModes:
         count, limit = band.cut(pairs.values)
         counted = count_below(pencil, limit) if band.certify else count
         if counted == count:
-            return _CutModes.of(pairs, count, limit)
+            return CutModes.of(pairs, count, limit)
     raise UnsolvableError(
         "modes",
         f"inertia counts {counted} elastic modes, {count} were found",

@@ -1,0 +1,218 @@
+"""Modes of a body of equal sectors, one wave around the axis after the other (`elements.sectors`).
+
+Each wave has the unknowns of one sector, chooses its functions for itself, and has its modes counted. What
+all have together is the spectrum of the whole body, in which the two modes of a pair have one eigenvalue.
+"""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from objectfolder.audio.elements.elasticity import ElementMatrices
+from objectfolder.audio.elements.sectors import Sectors, SectorSpace
+from objectfolder.audio.elements.space import Space
+from objectfolder.audio.factorisation import SOLVER
+from objectfolder.audio.modes.adaptive import (
+    Choice,
+    Goal,
+    climb,
+    first_choice,
+    remaining_cents,
+    solved,
+    widened,
+)
+from objectfolder.audio.modes.eigen import Eigenpairs
+from objectfolder.audio.modes.spectrum import CUT_CHOICES, GEOMETRY_ORDER, Band, Spectrum, solve_band
+
+Floats = NDArray[np.float64]
+# Share of the error allowed that functions are chosen by: they cost little here, so that more are taken.
+ACCURACY_SHARE = 0.5
+GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
+
+
+@dataclass(frozen=True)
+class _Wave:
+    """Modes of a wave: eigenvalues (k,), vectors (function, 3, k) of a sector, and what is known of them."""
+
+    number: int
+    choice: Choice
+    pairs: Eigenpairs
+    residuals: Floats
+    error_cents: Floats
+    beyond: Floats
+    rigid: int
+    rigid_value: float
+    unknowns: int
+    seconds: dict[str, float]
+
+
+def wave_spectrum(sectors: Sectors, poisson_ratio: float, goal: Goal) -> Spectrum:
+    """Elastic modes below a limit to an accuracy, of a body of equal sectors.
+
+    Parameters
+    ----------
+    sectors
+        Of the highest order to be used.
+    goal
+        As for `adapt_spectrum`.
+
+    Raises
+    ------
+    UnsolvableError
+        More unknowns of order 2, or more memory, than the limits; or the inertia count and the modes found
+        differ after a second search.
+    SimulationError
+        The time is over.
+    """
+    started = time.process_time()
+    share = replace(
+        goal,
+        max_unknowns=goal.max_unknowns // sectors.count,
+        accuracy_cents=ACCURACY_SHARE * goal.accuracy_cents,
+        guard_modes=GUARD_MODES,
+    )
+    component = np.zeros(len(sectors.representatives), dtype=np.int64)
+    spaces = {wave: SectorSpace.of(sectors, wave) for wave in sectors.waves}
+    firsts = {
+        wave: solved(first_choice(space, poisson_ratio, share), component, share)
+        for wave, space in spaces.items()
+    }
+    share = replace(share, below=_limit(sectors, firsts, goal))
+    seconds = {"choose_functions": time.process_time() - started}
+    waves = [_solve(space, firsts[wave], share) for wave, space in spaces.items()]
+    for wave in waves:
+        for name, spent in wave.seconds.items():
+            seconds[name] = seconds.get(name, 0.0) + spent
+    return _together(sectors, waves, poisson_ratio, goal, share.below, seconds)
+
+
+def _limit(sectors: Sectors, firsts: dict[int, Choice], goal: Goal) -> float:
+    """A limit with as many modes below as there may be; with more functions none comes to lie higher."""
+    values = [
+        np.repeat(choice.ladder[-1], 1 if sectors.is_real(wave) else 2) for wave, choice in firsts.items()
+    ]
+    every = np.sort(np.concatenate(values))
+    return (
+        min(goal.below, float(every[goal.max_modes]) * (1 + 1e-9))
+        if len(every) > goal.max_modes
+        else goal.below
+    )
+
+
+def _solve(space: SectorSpace, first: Choice, goal: Goal) -> _Wave:
+    started = time.process_time()
+    component = np.zeros(space.vertex_count, dtype=np.int64)
+    choice = _filled(climb(first, space, component, goal), space.order, goal)
+    chose = time.process_time() - started
+    band = Band(goal.below, goal.max_modes, CUT_CHOICES, True, goal.seed)
+    pencil, modes, seconds = solve_band(
+        choice.matrices, component, choice.chosen, band, choice.pairs, goal.limits
+    )
+    vectors = np.zeros((choice.matrices.space.size, 3, len(modes.pairs.values)), modes.pairs.vectors.dtype)
+    vectors[choice.chosen] = modes.pairs.vectors.reshape(vectors[choice.chosen].shape)
+    rigid = np.abs(np.sum(pencil.rigid.conj() * (pencil.stiffness @ pencil.rigid), axis=0))
+    return _Wave(
+        space.wave,
+        choice,
+        Eigenpairs(modes.pairs.values, vectors),
+        pencil.residuals(modes.pairs),
+        remaining_cents(choice, modes.pairs.values),
+        modes.beyond,
+        pencil.rigid.shape[1],
+        float(rigid.max(initial=0.0)),
+        pencil.size,
+        {"choose_functions": chose, **seconds},
+    )
+
+
+def _filled(choice: Choice, highest: int, goal: Goal) -> Choice:
+    """The choice with all functions of the highest order, where it has some of it.
+
+    What single functions would gain says too little of the shortest waves along a thin rim.
+    """
+    size = choice.matrices.space.size
+    if choice.order < highest or choice.pairs is None:
+        return choice
+    if size > goal.most_functions(choice.pairs.vectors.shape[1]):
+        return choice
+    pairs = Eigenpairs(choice.pairs.values, widened(choice.pairs.vectors, choice.chosen))
+    left = np.zeros_like(choice.left_cents)
+    return replace(choice, chosen=np.ones(size, dtype=bool), pairs=pairs, left_cents=left)
+
+
+def _together(
+    sectors: Sectors,
+    waves: list[_Wave],
+    poisson_ratio: float,
+    goal: Goal,
+    below: float,
+    seconds: dict[str, float],
+) -> Spectrum:
+    """The spectrum of the whole body."""
+    many = [1 if sectors.is_real(wave.number) else 2 for wave in waves]
+
+    def each(values: list[Floats]) -> Floats:
+        return np.concatenate([np.repeat(part, times) for part, times in zip(values, many, strict=True)])
+
+    values = each([wave.pairs.values for wave in waves])
+    order = np.argsort(values, kind="stable")
+    beyond = np.sort(each([wave.beyond for wave in waves]))
+    band = Band(below, goal.max_modes, CUT_CHOICES, True, goal.seed)
+    count, limit = band.cut(np.concatenate([values[order], beyond]))
+    kept = order[:count]
+    highest = max(wave.choice.order for wave in waves)
+    whole = sectors.whole.up_to(max(highest, GEOMETRY_ORDER))
+    vectors = np.zeros((whole.size, 3, count))
+    place = np.full(len(values), -1)
+    place[kept] = np.arange(count)
+    start = 0
+    for wave, times in zip(waves, many, strict=True):
+        columns = place[start : start + times * len(wave.pairs.values)]
+        start += len(columns)
+        modes = sectors.expand(wave.number, wave.pairs.vectors, wave.choice.matrices.space.order)
+        vectors[: len(modes), :, columns[columns >= 0]] = modes[:, :, columns >= 0]
+    rigid = sum(times * wave.rigid for wave, times in zip(waves, many, strict=True))
+    return Spectrum(
+        whole,
+        values[kept],
+        vectors,
+        each([wave.residuals for wave in waves])[kept],
+        limit,
+        {
+            "method": f"negative pivots of K - limit M (Sylvester), {SOLVER}, for each wave around the axis",
+            "counted": count + rigid,
+            "rigid": rigid,
+            "elastic_found": count,
+            "holds": True,
+        },
+        max(wave.rigid_value for wave in waves),
+        _volume(sectors, poisson_ratio),
+        sectors.count * max(wave.unknowns for wave in waves),
+        each([wave.error_cents for wave in waves])[kept],
+        np.concatenate([values[order[count:]], beyond]),
+        _steps(sectors, waves),
+        seconds,
+    )
+
+
+def _steps(sectors: Sectors, waves: list[_Wave]) -> list[dict[str, Any]]:
+    """Orders on the way, and functions of the whole body of the wave that took most."""
+    longest = max(len(wave.choice.functions) for wave in waves)
+    return [
+        {
+            "order": GEOMETRY_ORDER + step,
+            "functions": sectors.count
+            * max(wave.choice.functions[step] for wave in waves if len(wave.choice.functions) > step),
+        }
+        for step in range(longest)
+    ]
+
+
+def _volume(sectors: Sectors, poisson_ratio: float) -> float:
+    """Volume of the elements: corner functions sum to one."""
+    space: Space = SectorSpace.of(sectors, 0).up_to(GEOMETRY_ORDER)
+    masses = (weights for _, _, weights in ElementMatrices(space, poisson_ratio))
+    return sectors.count * float(sum(part[:, :4, :4].sum() for part in masses))
