@@ -75,6 +75,8 @@ def half_section(body: Revolution, longest_edge: Callable[[Floats], Floats]) -> 
     points[np.abs(points[:, 0]) < 1e-9, 0] = 0.0
     triangles = _delaunay(points)
     edge, wall = loop.allowed[side], loop.across[side]
+    at_vertex = stations == side  # between two sides: the thinner wall
+    wall = np.where(at_vertex, np.minimum(wall, loop.across[side - 1]), wall)
     corner = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
     length = np.linalg.norm(points[corner[:, 0]] - points[corner[:, 1]], axis=1)
     if np.any(length > MOST_INSIDE * edge[corner].max(axis=1)):

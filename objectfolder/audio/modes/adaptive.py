@@ -187,7 +187,7 @@ def first_choice(space: Space, poisson_ratio: float, goal: Goal) -> Choice:
         They have more unknowns than there may be.
     """
     order = min(GEOMETRY_ORDER, space.order)
-    _refuse_many(space, order, goal)
+    refuse_many(space, order, goal)
     matrices = ElementMatrices(_up_to(space, order), poisson_ratio)
     chosen = matrices.space.orders <= order
     chosen |= np.any(matrices.space.geometry != 0, axis=1)  # else rotations would cost energy
@@ -216,7 +216,7 @@ def climb(choice: Choice, space: Space, component: Integers, goal: Goal) -> Choi
         choice = solved(choice, component, goal)
 
 
-def _refuse_many(space: Space, order: int, goal: Goal) -> None:
+def refuse_many(space: Space, order: int, goal: Goal) -> None:
     """Raise `UnsolvableError` where the lowest order alone has more functions than there may be."""
     unknowns = 3 * int(np.count_nonzero(space.orders <= order))
     if unknowns > goal.max_unknowns:

@@ -16,10 +16,13 @@ from objectfolder.audio.elements.sectors import Sectors, SectorSpace
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.factorisation import SOLVER
 from objectfolder.audio.modes.adaptive import (
+    CENTS_PER_RELATIVE_EIGENVALUE,
+    MUCH_GAINED_CENTS,
     Choice,
     Goal,
     climb,
     first_choice,
+    refuse_many,
     remaining_cents,
     solved,
     widened,
@@ -28,9 +31,12 @@ from objectfolder.audio.modes.eigen import Eigenpairs
 from objectfolder.audio.modes.spectrum import CUT_CHOICES, GEOMETRY_ORDER, Band, Spectrum, solve_band
 
 Floats = NDArray[np.float64]
-# Share of the error allowed that functions are chosen by: they cost little here, so that more are taken.
+# Share of the error allowed that functions are chosen by: they cost little here, so that more are taken. What
+# those left out would gain is stated as so much more.
 ACCURACY_SHARE = 0.5
 GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
+# Unknowns of the whole over those allowed: a wave takes little memory.
+MORE_UNKNOWNS = 2
 
 
 @dataclass(frozen=True)
@@ -68,9 +74,10 @@ def wave_spectrum(sectors: Sectors, poisson_ratio: float, goal: Goal) -> Spectru
         The time is over.
     """
     started = time.process_time()
+    refuse_many(sectors.whole, GEOMETRY_ORDER, goal)
     share = replace(
         goal,
-        max_unknowns=goal.max_unknowns // sectors.count,
+        max_unknowns=_most_unknowns(goal) // sectors.count,
         accuracy_cents=ACCURACY_SHARE * goal.accuracy_cents,
         guard_modes=GUARD_MODES,
     )
@@ -87,6 +94,11 @@ def wave_spectrum(sectors: Sectors, poisson_ratio: float, goal: Goal) -> Spectru
         for name, spent in wave.seconds.items():
             seconds[name] = seconds.get(name, 0.0) + spent
     return _together(sectors, waves, poisson_ratio, goal, share.below, seconds)
+
+
+def _most_unknowns(goal: Goal) -> int:
+    """Of the whole body: its modes in all functions are one block in memory."""
+    return int(min(MORE_UNKNOWNS * goal.max_unknowns, goal.limits.vector_values / goal.max_modes))
 
 
 def _limit(sectors: Sectors, firsts: dict[int, Choice], goal: Goal) -> float:
@@ -119,7 +131,7 @@ def _solve(space: SectorSpace, first: Choice, goal: Goal) -> _Wave:
         choice,
         Eigenpairs(modes.pairs.values, vectors),
         pencil.residuals(modes.pairs),
-        remaining_cents(choice, modes.pairs.values),
+        remaining_cents(choice, modes.pairs.values) / (1.0 if choice.chosen.all() else ACCURACY_SHARE),
         modes.beyond,
         pencil.rigid.shape[1],
         float(rigid.max(initial=0.0)),
@@ -129,12 +141,17 @@ def _solve(space: SectorSpace, first: Choice, goal: Goal) -> _Wave:
 
 
 def _filled(choice: Choice, highest: int, goal: Goal) -> Choice:
-    """The choice with all functions of the highest order, where it has some of it.
+    """The choice with all functions of the highest order, where it has some and the one before gained much.
 
     What single functions would gain says too little of the shortest waves along a thin rim.
     """
     size = choice.matrices.space.size
-    if choice.order < highest or choice.pairs is None:
+    if choice.order < highest or choice.pairs is None or len(choice.ladder) < 2:
+        return choice
+    before, after = choice.ladder[-2], choice.ladder[-1]
+    heard = np.flatnonzero(after[: len(before)] < goal.below)
+    gained_cents = CENTS_PER_RELATIVE_EIGENVALUE * (before[heard] / after[heard] - 1)
+    if gained_cents.max(initial=0.0) <= MUCH_GAINED_CENTS:
         return choice
     if size > goal.most_functions(choice.pairs.vectors.shape[1]):
         return choice
