@@ -35,6 +35,9 @@ Floats = NDArray[np.float64]
 # those left out would gain is stated as so much more.
 ACCURACY_SHARE = 0.5
 GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
+# Functions are chosen for modes whose eigenvalue is below so many times the limit: a wave may have one alone
+# that comes to lie below it.
+NEAR_LIMIT = 1.1
 # Unknowns of the whole over those allowed: a wave takes little memory.
 MORE_UNKNOWNS = 2
 
@@ -117,7 +120,8 @@ def _limit(sectors: Sectors, firsts: dict[int, Choice], goal: Goal) -> float:
 def _solve(space: SectorSpace, first: Choice, goal: Goal) -> _Wave:
     started = time.process_time()
     component = np.zeros(space.vertex_count, dtype=np.int64)
-    choice = _filled(climb(first, space, component, goal), space.order, goal)
+    near = replace(goal, below=NEAR_LIMIT * goal.below)
+    choice = _filled(climb(first, space, component, near), space.order, goal)
     chose = time.process_time() - started
     band = Band(goal.below, goal.max_modes, CUT_CHOICES, True, goal.seed)
     pencil, modes, seconds = solve_band(
