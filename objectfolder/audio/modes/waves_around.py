@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 # Share of the error allowed that functions are chosen by: they cost little here, so that more are taken. What
 # those left out would gain is stated as so much more.
 ACCURACY_SHARE = 0.5
-GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
+WAVE_GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
 # Functions are chosen for modes whose eigenvalue is below so many times the limit: a wave may have one alone
 # that comes to lie below it.
 NEAR_LIMIT = 1.1
@@ -82,7 +82,7 @@ def wave_spectrum(sectors: Sectors, poisson_ratio: float, goal: Goal) -> Spectru
         goal,
         max_unknowns=_most_unknowns(goal) // sectors.count,
         accuracy_cents=ACCURACY_SHARE * goal.accuracy_cents,
-        guard_modes=GUARD_MODES,
+        guard_modes=WAVE_GUARD_MODES,
     )
     component = np.zeros(len(sectors.representatives), dtype=np.int64)
     spaces = {wave: SectorSpace.of(sectors, wave) for wave in sectors.waves}
