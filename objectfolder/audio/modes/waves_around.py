@@ -38,6 +38,8 @@ WAVE_GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
 # Functions are chosen for modes whose eigenvalue is below so many times the limit: a wave may have one alone
 # that comes to lie below it.
 NEAR_LIMIT = 1.1
+# The wave 0 is real and has few modes: it gets functions for this share of the error allowed to others.
+AXISYMMETRIC_SHARE = 0.2
 # Unknowns of the whole over those allowed: a wave takes little memory.
 MORE_UNKNOWNS = 2
 
@@ -120,7 +122,8 @@ def _limit(sectors: Sectors, firsts: dict[int, Choice], goal: Goal) -> float:
 def _solve(space: SectorSpace, first: Choice, goal: Goal) -> _Wave:
     started = time.process_time()
     component = np.zeros(space.vertex_count, dtype=np.int64)
-    near = replace(goal, below=NEAR_LIMIT * goal.below)
+    share = AXISYMMETRIC_SHARE if space.wave == 0 else 1.0
+    near = replace(goal, below=NEAR_LIMIT * goal.below, accuracy_cents=share * goal.accuracy_cents)
     choice = _filled(climb(first, space, component, near), space.order, goal)
     chose = time.process_time() - started
     band = Band(goal.below, goal.max_modes, CUT_CHOICES, True, goal.seed)
