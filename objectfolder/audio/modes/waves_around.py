@@ -35,9 +35,9 @@ Floats = NDArray[np.float64]
 # those left out would gain is stated as so much more.
 ACCURACY_SHARE = 0.5
 WAVE_GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
-# Functions are chosen for modes whose eigenvalue is below so many times the limit: a wave may have one alone
-# that comes to lie below it.
-NEAR_LIMIT = 1.1
+# Functions are chosen for modes whose eigenvalue is below so many times the limit, as those of order 2 were up
+# to so much too high: a mode that no other of its wave gets functions for would be left above the limit.
+NEAR_LIMIT = 2.25
 # The wave 0 is real and has few modes: it gets functions for this share of the error allowed to others.
 AXISYMMETRIC_SHARE = 0.2
 # Unknowns of the whole over those allowed: a wave takes little memory.
