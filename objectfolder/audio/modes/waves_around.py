@@ -31,12 +31,12 @@ from objectfolder.audio.modes.eigen import Eigenpairs
 from objectfolder.audio.modes.spectrum import CUT_CHOICES, GEOMETRY_ORDER, Band, Spectrum, solve_band
 
 Floats = NDArray[np.float64]
-# Share of the error allowed that functions are chosen by: they cost little here, so that more are taken. What
-# those left out would gain is stated as so much more.
+# Share of the error allowed that functions are chosen by: they cost little here, so that more are taken.
+# What those left out would gain is stated as so much more.
 ACCURACY_SHARE = 0.5
 WAVE_GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
-# Functions are chosen for modes whose eigenvalue is below so many times the limit, as those of order 2 were up
-# to so much too high: a mode that no other of its wave gets functions for would be left above the limit.
+# Functions are chosen for modes whose eigenvalue is below so many times the limit, as those of order 2 were
+# up to so much too high: a mode that no other of its wave gets functions for would be left above the limit.
 NEAR_LIMIT = 2.25
 # The wave 0 is real and has few modes: it gets functions for this share of the error allowed to others.
 AXISYMMETRIC_SHARE = 0.2
