@@ -3,6 +3,7 @@
 Otherwise each worker of a fresh checkout compiles the kernels that all reach in their first tests.
 """
 
+import os
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,4 +28,5 @@ def register(folder: Path) -> None:
         with global_compiler_lock, lock_of(name.replace("<locals>", "locals")):
             return compile_now(dispatcher, signature)
 
+    os.register_at_fork(after_in_child=lock_of.cache_clear)  # a lock belongs to the process that made it
     Dispatcher.compile = compile_in_turn
