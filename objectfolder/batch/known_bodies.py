@@ -134,37 +134,37 @@ def _radiate(
 
 
 def _scatter(
-    number, seen: Seen, looks: Looks, drawn: Drawn, volumes: Volumes, facets, met: Glossy, lobe: Lobe
+    number, seen: Seen, looks: Looks, lobes: Drawn, volumes: Volumes, facets, met: Glossy, lobe: Lobe
 ):  # fmt: skip
     """Write a direction of a point's gloss, what it meets, and what share of that is sent on."""
-    point, sample = number // drawn.samples, number % drawn.samples
+    point, sample = number // lobes.samples, number % lobes.samples
     ray, row = seen.ray_of[point], slice(point, point + 1)
-    view, one = seen.view_of[ray], slice(number, number + 1)
+    view, here = seen.view_of[ray], slice(number, number + 1)
     own, first, _ = volumes_of(volumes, looks.objects[view])
     for axis in range(3):
         lobe.facet[0, axis] = seen.side[point] * facets[first + seen.face[ray], axis]
         lobe.towards[0, axis] = -seen.direction[ray, axis]
         lobe.origin[0, axis] = seen.position[point, axis] + SELF_OFFSET * lobe.facet[0, axis]
         met.direction[number, axis], met.share[number, axis] = 0.0, 0.0
-    lobe.u[0] = (drawn.first[point] + sample * FIRST_STEP) % 1.0
-    lobe.v[0] = (drawn.second[point] + sample * SECOND_STEP) % 1.0
-    lobe.width[0], lobe.density[0], lobe.row[0] = drawn.terms[point, 0], 0.0, 0
+    lobe.u[0] = (lobes.first[point] + sample * FIRST_STEP) % 1.0
+    lobe.v[0] = (lobes.second[point] + sample * SECOND_STEP) % 1.0
+    lobe.width[0], lobe.density[0], lobe.row[0] = lobes.terms[point, 0], 0.0, 0
     met.view_of[number], met.face[number] = view, -1
     _lobe_directions(
         (seen.normal[row], lobe.facet, lobe.towards), lobe.width, (lobe.u, lobe.v), LEAST_COSINE,
-        (met.direction[one], lobe.density),
+        (met.direction[here], lobe.density),
     )  # fmt: skip
     if not lobe.density[0] > 0:
         return
     _reflected(
-        (lobe.row, met.direction[one]), seen.normal[row], seen.upright[row], seen.direction[ray : ray + 1],
-        drawn.terms[row], looks.levels[looks.objects[view], 2], lobe.even, lobe.gloss,
+        (lobe.row, met.direction[here]), seen.normal[row], seen.upright[row], seen.direction[ray : ray + 1],
+        lobes.terms[row], looks.levels[looks.objects[view], 2], lobe.even, lobe.gloss,
     )  # fmt: skip
     cosine = 0.0
     for axis in range(3):
         cosine += met.direction[number, axis] * seen.normal[point, axis]
     for c in range(3):
-        met.share[number, c] = lobe.gloss[0, c] * cosine / (drawn.samples * math.pi * lobe.density[0])
+        met.share[number, c] = lobe.gloss[0, c] * cosine / (lobes.samples * math.pi * lobe.density[0])
     meet(number, own, met, Trace(lobe.origin, lobe.stack, lobe.entry, lobe.hit, lobe.where))
 
 
@@ -194,13 +194,13 @@ def _send(
     shade = Shade(start, lit, blocked, v, n, stack)
     red, green, blue, first_point, after = 0.0, 0.0, 0.0, sites.starts[row], sites.starts[row + 1]
     for k in range(first_point, after):
-        one = slice(k, k + 1)
+        here = slice(k, k + 1)
         met = (
-            sites.face[one],
-            sites.barycentric[one],
-            sites.position[one],
-            sites.upright[one],
-            sites.side[one],
+            sites.face[here],
+            sites.barycentric[here],
+            sites.position[here],
+            sites.upright[here],
+            sites.side[here],
         )
         shine(own, surface, met, place, irradiance, shade)
         if irradiance[0] > 0:
@@ -220,8 +220,8 @@ def _spread(lamp, value, objects, total, bounced: Lattices, shares, fields):
     some = bounced.offsets[objects[lamp]], bounced.offsets[objects[lamp] + 1]
     row = some[0][2] + value
     if row < some[1][2]:
-        one = slice(row, row + 1)
-        _mix(total[lamp], bounced.values[one], shares[one], fields[lamp, value : value + 1])
+        here = slice(row, row + 1)
+        _mix(total[lamp], bounced.values[here], shares[here], fields[lamp, value : value + 1])
 
 
 LIGHT: dict[str, Any] = {

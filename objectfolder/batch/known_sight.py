@@ -122,11 +122,11 @@ class KnownSight:
         if times == 0 or samples == 0:
             return radiance
         starts: Any = scattered(cast)
-        drawn = [part.double() for part in starts]
+        offsets = [part.double() for part in starts]
         rays = Rays.empty(count * samples, self._device)
         share = torch.empty((count * samples, 3), dtype=torch.float32, device=self._device)
         known_bodies.scatter(
-            count * samples, *points.arrays, scene.objects, *self._looks, terms, samples, *drawn,
+            count * samples, *points.arrays, scene.objects, *self._looks, terms, samples, *offsets,
             *self._surfaces.volumes, self._surfaces.triangles[2], *rays.arrays, share,
         )  # fmt: skip
         met = self._surfaces.lit(scene, rays)

@@ -61,9 +61,11 @@ class SightBatch:
         renderers = [net._rendering() for net in nets]
         self._surfaces = Surfaces(nets, [renderer._surface for renderer in renderers], place)
         lights = [renderer._network for renderer in renderers]
-        known = [light if isinstance(light, KnownLight) else None for light in lights]
+        known_lights = [light if isinstance(light, KnownLight) else None for light in lights]
         self._by_network = LearnedSight(self._surfaces, nets[: self._learned]) if self._learned else None
-        self._by_material = KnownSight(self._surfaces, nets, known) if self._learned < len(nets) else None
+        self._by_material = (
+            KnownSight(self._surfaces, nets, known_lights) if self._learned < len(nets) else None
+        )
         self._centres = upload(np.array([sights[index].frame.centre for index in order]), place)
         self._scales = upload(np.array([sights[index].frame.scale for index in order]), place)
 
@@ -168,10 +170,10 @@ class SightBatch:
         if self._by_network is not None and split > 0:
             self._by_network.shade(scene, points.of(slice(split)), starts, colours)
         if self._by_material is not None and bounced is not None and split < len(points.ray):
-            known = points.of(slice(split, None))
-            pixel = place[known.ray // several] % (size[0] * size[1])
-            at: Any = pixel % size[1], pixel // size[1], known.ray % several, several  # tensors for arrays
-            self._by_material.shade(scene, known, Cast(*at), bounced, colours)
+            rest = points.of(slice(split, None))
+            pixel = place[rest.ray // several] % (size[0] * size[1])
+            at: Any = pixel % size[1], pixel // size[1], rest.ray % several, several  # tensors for arrays
+            self._by_material.shade(scene, rest, Cast(*at), bounced, colours)
         sight_bodies.blend(len(place), place, colours, *image)
 
 

@@ -248,8 +248,8 @@ def _joined(contents: Contents, checkout: Version, versions: Mapping[str, Versio
     }
     outs = {f"{place}{path}": md5 for place, own in versions.items() for path, md5 in own.lock.outs.items()}
     # Of the checkout's lock, what is not of the time before there were partitions.
-    made = set(map(inside, outs))
-    outs |= {path: md5 for path, md5 in checkout.lock.outs.items() if path not in made}
+    parted = set(map(inside, outs))
+    outs |= {path: md5 for path, md5 in checkout.lock.outs.items() if path not in parted}
     inputs = read_lock(f"{FOLDER}/{LOCK}", common[LOCK]).parameters if LOCK in common else {}
     paths = (f"{place}{path}" for place, own in versions.items() for path in own.lock.paths)
     lock = Lock(outs, {**partitions[0].lock.parameters, **inputs}, checkout.lock.paths.union(paths))

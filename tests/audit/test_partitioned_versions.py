@@ -92,97 +92,105 @@ def workshop(tmp_path_factory):
     root = tmp_path_factory.mktemp("partitions") / "checkout"
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(root))
-        made = PartitionedWorkshop(root, "workshop_of_partitions")
+        checkout = PartitionedWorkshop(root, "workshop_of_partitions")
         for object_id, material in MATERIALS.items():
-            made.add(object_id, material)
+            checkout.add(object_id, material)
         (root / "data/card.yaml").write_text("title: Cups\ncreators: [A. Maker]\nversion: 0.1.0\n")
-        commits = [made.version("whole")]
-        made.parted = True
-        commits.append(made.version("in partitions"))
-        made.row("cup")["material"] = "glass"
-        made.save()
-        commits.append(made.version("a glass cup"))
-        yield made, commits
+        commits = [checkout.version("whole")]
+        checkout.parted = True
+        commits.append(checkout.version("in partitions"))
+        checkout.row("cup")["material"] = "glass"
+        checkout.save()
+        commits.append(checkout.version("a glass cup"))
+        yield checkout, commits
 
 
 def test_objects_lie_in_more_than_one_partition(workshop):
-    made, _ = workshop
-    assert [len(read_records(own).rows) for own in folders(made.root)] == [1, 4]
+    checkout, _ = workshop
+    assert [len(read_records(own).rows) for own in folders(checkout.root)] == [1, 4]
 
 
 def test_an_audit_joins_the_partitions(workshop):
-    made, (whole, parted, glass) = workshop
-    moved = made.audit(whole, parted)
-    assert set(states(moved).values()) == {"unchanged"}, "the same products in other folders"
-    assert (moved.problems, moved.not_compared, moved.fetch.files) == ((), (), 0)
-    changed, alone = made.audit(parted, glass, arrays=True), made.audit(whole, glass, arrays=True)
+    checkout, (whole, parted, glass) = workshop
+    audit = checkout.audit(whole, parted)
+    assert set(states(audit).values()) == {"unchanged"}, "the same products in other folders"
+    assert (audit.problems, audit.not_compared, audit.fetch.files) == ((), (), 0)
+    changed, alone = (
+        checkout.audit(parted, glass, arrays=True),
+        checkout.audit(whole, glass, arrays=True),
+    )
     assert states(changed) == {name: "changed" if name == "cup" else "unchanged" for name in MATERIALS}
     assert changed.objects == alone.objects
     assert {"modes", "fidelity"} <= {stage.stage for stage in changed.objects[1].stages}
     assert "material" in str(changed.objects[1].roots)
     assert changed.fetch.files > 0
-    assert set(states(made.audit(glass)).values()) == {"unchanged"}, "as it lies in the work tree"
+    assert set(states(checkout.audit(glass)).values()) == {"unchanged"}, "as it lies in the work tree"
 
 
 def test_history_follows_an_object_into_its_partition(workshop):
-    made, (whole, _, glass) = workshop
-    with Contents(made.root) as contents:
-        versions, unreadable = history(contents, "cup", made.stages)
+    checkout, (whole, _, glass) = workshop
+    with Contents(checkout.root) as contents:
+        versions, unreadable = history(contents, "cup", checkout.stages)
         assert [version.commit.hash for version in versions] == [whole, glass]
         assert unreadable == []
-        assert [len(history(contents, name, made.stages)[0]) for name in ("dish", "fork")] == [1, 1]
+        assert [len(history(contents, name, checkout.stages)[0]) for name in ("dish", "fork")] == [
+            1,
+            1,
+        ]
         with pytest.raises(InputError, match="no version behind HEAD has it"):
-            history(contents, "spoon", made.stages)
+            history(contents, "spoon", checkout.stages)
 
 
 def test_damage_in_a_partition_is_named_by_its_path(workshop):
-    made, (_, _, glass) = workshop
-    with Contents(made.root) as contents:
+    checkout, (_, _, glass) = workshop
+    with Contents(checkout.root) as contents:
         for revision in (None, glass):
-            result = verify(contents, made.at(contents, revision), made.stages)
+            result = verify(contents, checkout.at(contents, revision), checkout.stages)
             assert result.findings == ()
-            assert result.files > len(MATERIALS) * len(made.stages)
-        (own,) = (own for own in folders(made.root) if OBJECT_FILES.path(own, "cup").is_file())
+            assert result.files > len(MATERIALS) * len(checkout.stages)
+        (own,) = (own for own in folders(checkout.root) if OBJECT_FILES.path(own, "cup").is_file())
         path = OBJECT_FILES.path(own, "cup")
         before = path.read_bytes()
         flip(path, 8 * (len(before) - 1))
         try:
-            findings = verify(contents, made.at(contents, None), made.stages).findings
+            findings = verify(contents, checkout.at(contents, None), checkout.stages).findings
         finally:
             path.write_bytes(before)
-        assert {finding.where for finding in findings} == {str(path.relative_to(made.root))}
+        assert {finding.where for finding in findings} == {str(path.relative_to(checkout.root))}
 
 
 def test_single_objects_are_fetched_of_any_partition(workshop, tmp_path):
-    made, (_, parted, glass) = workshop
+    checkout, (_, parted, glass) = workshop
     for revision in (parted, glass):
-        got = list(single_objects.get(f"{made.root}@{revision}", ["cup", "dish"], tmp_path / revision))
+        got = list(single_objects.get(f"{checkout.root}@{revision}", ["cup", "dish"], tmp_path / revision))
         assert [(entry.object_id, entry.outcome) for entry in got] == [
             ("cup", "fetched"),
             ("dish", "fetched"),
         ]
-    whole = {path.name for path in (entry.path for entry in single_objects.get(str(made.root), [], tmp_path))}
+    whole = {
+        path.name for path in (entry.path for entry in single_objects.get(str(checkout.root), [], tmp_path))
+    }
     assert whole == {f"{name}.safetensors" for name in MATERIALS}
     with pytest.raises(InputError, match=r"no object 'cap'.*Near are cup"):
-        list(single_objects.get(str(made.root), ["cap"], tmp_path))
+        list(single_objects.get(str(checkout.root), ["cap"], tmp_path))
 
 
 def test_a_release_has_all_partitions(workshop, tmp_path, monkeypatch, capsys):
-    made, _ = workshop
+    checkout, _ = workshop
     for name, value in GIT.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(stages, "STAGES", {stage.name: stage for stage in made.stages})
-    monkeypatch.chdir(made.root)
+    monkeypatch.setattr(stages, "STAGES", {stage.name: stage for stage in checkout.stages})
+    monkeypatch.chdir(checkout.root)
     status = main(["release", "v1", "-o", str(tmp_path / "hub")])
     out, error = capsys.readouterr()
     assert status == FINE, error
     assert "v1: 5 objects, 5 changed" in out
-    assert made.git("status", "--porcelain", "--untracked-files=no") == ""
-    rows = csv.DictReader(made.git("show", "v1:reports/object_versions.csv").splitlines())
+    assert checkout.git("status", "--porcelain", "--untracked-files=no") == ""
+    rows = csv.DictReader(checkout.git("show", "v1:reports/object_versions.csv").splitlines())
     assert {row["object"] for row in rows} == set(MATERIALS)
-    figures = list(csv.DictReader(made.git("show", "v1:reports/per_object.csv").splitlines()))
+    figures = list(csv.DictReader(checkout.git("show", "v1:reports/per_object.csv").splitlines()))
     assert [row["id"] for row in figures] == sorted(MATERIALS)
-    card = json.loads(made.git("show", "v1:reports/croissant.json"))
+    card = json.loads(checkout.git("show", "v1:reports/croissant.json"))
     paths = {node["contentUrl"] for node in card["distribution"] if "contentUrl" in node}
     files = {str(path.relative_to(tmp_path / "hub")) for path in (tmp_path / "hub").rglob("*.safetensors")}
     assert len(files) == len(MATERIALS)

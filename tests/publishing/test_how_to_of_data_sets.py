@@ -44,10 +44,10 @@ def workshop(tmp_path_factory):
     """A data set with a remote, whose version v1 has a bare clone beside it."""
     materials = dict.fromkeys(IDS, "steel")
     folder = tmp_path_factory.mktemp("how_to")
-    with made_versions(folder, "workshop_of_how_to", **materials) as made:
+    with made_versions(folder, "workshop_of_how_to", **materials) as versions:
         command(folder, "git", "init", "-q", "--bare", "-b", "main", "bare.git")
-        made.git("remote", "add", "origin", str(folder / "bare.git"))
-        yield made
+        versions.git("remote", "add", "origin", str(folder / "bare.git"))
+        yield versions
 
 
 @pytest.fixture

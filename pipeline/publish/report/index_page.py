@@ -124,7 +124,7 @@ def render_index(
         full_image=next(row for row in measures if row.measure == FULL_IMAGE),
         noise_floor_db=mean([number_at(one.attributes, "vision.noise_floor_db") for one in objects]),
         ranking=HEADLINE,
-        distributions=[(one, *histogram(one)) for one in [*measures, cost] if len(one.values) > 1],
+        distributions=[(row, *histogram(row)) for row in [*measures, cost] if len(row.values) > 1],
         efforts=_efforts(objects),
         sense_names=SENSE_NAMES,
         stages=stage_rows(objects),
