@@ -68,7 +68,7 @@ class Moving:
             self.world = PlayedWorld(OpenedScene.of(write_demo(Path(folder))))
         self.names, self.camera = list(self.world._files), camera_over(self.world._points)
         self.sight = self.world.sight(self.world._poses)
-        self.stood, self.frame = dict(self.world._poses.known), 0
+        self.stood, self.frame = dict(self.world._poses.by_body), 0
 
     def move(self, count: int) -> None:
         """Move and turn the last objects."""

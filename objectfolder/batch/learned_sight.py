@@ -47,7 +47,7 @@ class LearnedSight:
 
     def shade(self, scene: Scene, points: Points, starts: Tensor, colours: Tensor) -> None:
         """Write the colours of rays that meet points; those of each object lie between two of `starts`."""
-        answered = self._answered(scene, points, starts, self._alpha2)
+        answers = self._answered(scene, points, starts, self._alpha2)
         reflected = torch.zeros(
             (len(points.ray) if self._any_mirrors else 1, 3), dtype=torch.float32, device=self._device
         )
@@ -63,7 +63,7 @@ class LearnedSight:
                 len(met.ray), *met.arrays, scene.objects, self._mirrors, *mirrored, reflected
             )
         learned_bodies.colour(
-            len(points.ray), *points.arrays, scene.objects, self._mirrors, self._radiance, *answered,
+            len(points.ray), *points.arrays, scene.objects, self._mirrors, self._radiance, *answers,
             reflected, colours,
         )  # fmt: skip
 

@@ -40,8 +40,8 @@ def test_branches_that_were_merged_are_not_mixed(git, tmp_path):
     version("main 2", 40)
     git("merge", "-q", "-s", "ours", "--no-commit", "other")
     version("merged", 50)
-    found = GitRepository(tmp_path).commits_of(["dvc.lock"])
-    assert [one.subject for one in found] == ["merged", "main 2", "main 1", "first"]
+    commits = GitRepository(tmp_path).commits_of(["dvc.lock"])
+    assert [commit.subject for commit in commits] == ["merged", "main 2", "main 1", "first"]
 
 
 def test_paths_that_read_like_answers_of_git(git, tmp_path):

@@ -153,8 +153,8 @@ def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
         )
         for one in pair
     ]
-    found, other = similarities(pair, 4, parameters, 0), similarities(tuple(swapped), 4, parameters, 0)
-    for method, similarity in found.items():
+    plain, other = similarities(pair, 4, parameters, 0), similarities(tuple(swapped), 4, parameters, 0)
+    for method, similarity in plain.items():
         np.testing.assert_array_equal(similarity, other[method], err_msg=method)
 
 

@@ -49,9 +49,9 @@ def files(scene):
 @pytest.fixture
 def world(scene, files):
     spec = mujoco.MjSpec.from_file(str(scene))
-    made = PlayedWorld(OpenedScene(spec, spec.compile(), files))
-    yield made
-    made.close()
+    table = PlayedWorld(OpenedScene(spec, spec.compile(), files))
+    yield table
+    table.close()
 
 
 @pytest.fixture

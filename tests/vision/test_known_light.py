@@ -60,21 +60,21 @@ def test_light_in_a_hollow_ball_comes_back_as_the_geometric_series_says():
     radiosity = Radiosity(lit, unit, Even(None, MATT))
     samples = surface.sample(200, seed=1)
     lamp = np.zeros((1, 3)), np.ones((1, 3))
-    found = radiosity.irradiance(lamp, samples.face, samples.barycentric)
+    irradiance = radiosity.irradiance(lamp, samples.face, samples.barycentric)
     series = sum(Even.albedo**bounce for bounce in range(1, BOUNCES + 1)) / 0.5**2
-    np.testing.assert_allclose(found.mean(), series, rtol=0.03)
-    assert found.std() < 0.1 * series
+    np.testing.assert_allclose(irradiance.mean(), series, rtol=0.03)
+    assert irradiance.std() < 0.1 * series
 
 
 def test_coarse_light_in_a_hollow_ball_comes_back_one_bounce_less():
     surface, unit, lit = hollow_ball()
     samples = surface.sample(200, seed=1)
     lamp = np.zeros((1, 3)), np.ones((1, 3))
-    found = Radiosity(lit, unit, Even(None, MATT)).irradiance(
+    irradiance = Radiosity(lit, unit, Even(None, MATT)).irradiance(
         lamp, samples.face, samples.barycentric, coarse=True
     )
     series = sum(Even.albedo**bounce for bounce in range(1, COARSE_BOUNCES + 1)) / 0.5**2
-    np.testing.assert_allclose(found.mean(), series, rtol=0.05)
+    np.testing.assert_allclose(irradiance.mean(), series, rtol=0.05)
 
 
 def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():

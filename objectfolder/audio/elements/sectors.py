@@ -154,7 +154,7 @@ def _orbits(after: Integers, count: int) -> tuple[Integers, Integers]:
     start = np.arange(len(after))
     reached = start
     for turns in range(1, count):
-        reached = after[reached]  # of each, after so many turns
+        reached = after[reached]  # the image of each after `turns` turns
         lower = start < least[reached]
         least[reached[lower]], shift[reached[lower]] = start[lower], turns
     return least, shift

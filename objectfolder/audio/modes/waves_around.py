@@ -35,8 +35,8 @@ Floats = NDArray[np.float64]
 # What those left out would gain is stated as so much more.
 ACCURACY_SHARE = 0.5
 WAVE_GUARD_MODES = 6  # as for `Goal`; a wave has some ten modes
-# Functions are chosen for modes whose eigenvalue is below so many times the limit, as those of order 2 were
-# up to so much too high: a mode that no other of its wave gets functions for would be left above the limit.
+# Functions are chosen for modes whose eigenvalue is below this multiple of the limit, since those of order 2
+# were too high by up to this factor: a mode alone in its wave would else be left above the limit.
 NEAR_LIMIT = 2.25
 # The wave 0 is real and has few modes: it gets functions for this share of the error allowed to others.
 AXISYMMETRIC_SHARE = 0.2

@@ -30,11 +30,11 @@ LANES = 2  # images at once: one that moves does not wait for a fine one
 class ThreadPoses(threading.local):
     """The poses (4, 4) of bodies by name, as each thread knows them."""
 
-    known: Mapping[str, Floats] = {}
+    by_body: Mapping[str, Floats] = {}
 
     def pose(self, body: str) -> Floats:
         """Return the pose of a body."""
-        return self.known[body]
+        return self.by_body[body]
 
 
 class DrawingProcess:
@@ -114,7 +114,7 @@ def _draw(sight: LiveSight, poses: ThreadPoses, pipes: list[tuple[Connection, Co
 def _answer(sight: LiveSight, poses: ThreadPoses, lane: Connection) -> None:
     with contextlib.suppress(EOFError, OSError):  # nobody asks any more
         while True:
-            poses.known, how = lane.recv()
+            poses.by_body, how = lane.recv()
             begun_s = time.monotonic()
             try:
                 image = sight.image(**how)

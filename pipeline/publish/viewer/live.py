@@ -220,8 +220,8 @@ class Server:
         """Answer requests until something has happened."""
         page, files = self._page, self._page.files()
         rules: list[Any] = [(path, PageFile) for path in files]
-        for handler, asked in ((Query, page.questions), (Stream, page.streams)):
-            for name, (answer, threads) in asked.items():
+        for handler, answers in ((Query, page.questions), (Stream, page.streams)):
+            for name, (answer, threads) in answers.items():
                 rules.append((f"/{name}", handler, {"answer": answer, "threads": threads}))
         application = Application(
             rules,

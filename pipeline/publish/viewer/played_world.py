@@ -43,16 +43,16 @@ class Poses:
     """The poses of the bodies at the latest step of the world."""
 
     def __init__(self) -> None:
-        self.stamp, self.known = 0, dict[str, np.ndarray]()
+        self.stamp, self.by_body = 0, dict[str, np.ndarray]()
 
     def pose(self, body: str) -> np.ndarray:
         """Return the pose (4, 4) of a body."""
-        return self.known[body]
+        return self.by_body[body]
 
     def tell(self, poses: dict[str, np.ndarray]) -> None:
         """Store new poses if any body has moved."""
-        if any((np.abs(pose - self.known.get(name, 9.0)) > STILL).any() for name, pose in poses.items()):
-            self.known = poses
+        if any((np.abs(pose - self.by_body.get(name, 9.0)) > STILL).any() for name, pose in poses.items()):
+            self.by_body = poses
             self.stamp += 1
 
 
@@ -89,7 +89,7 @@ class PlayedWorld:
     @cached_property
     def _drawing(self) -> DrawingProcess:
         poses = ThreadPoses()
-        poses.known = self._poses.known
+        poses.by_body = self._poses.by_body
         return DrawingProcess(self.sight(poses), poses)
 
     @contextmanager
@@ -158,7 +158,7 @@ class PlayedWorld:
         self._on_time.wait(WAIT_S)
         stamp, draft = self._poses.stamp, bool(query.get("draft"))
         how = {"camera_to_world": camera, "resolution": resolution, "sub_rays": rays, "draft": draft}
-        image, drawn_ms = self._drawing.image(self._poses.known, **how)
+        image, drawn_ms = self._drawing.image(self._poses.by_body, **how)
         header = {"stamp": stamp, "resolution": resolution, "fingers": self._apexes, "drawn_ms": drawn_ms}
         return header, image
 
@@ -183,7 +183,7 @@ class PlayedWorld:
     def warm(self) -> None:
         """Prepare what drafts need, and set the exposure."""
         camera = camera_over(self._points)
-        self._drawing.image(self._poses.known, camera_to_world=camera, resolution=64, draft=True)
+        self._drawing.image(self._poses.by_body, camera_to_world=camera, resolution=64, draft=True)
 
     def _begin(self) -> None:
         """Start over, everything in its place."""
