@@ -684,7 +684,6 @@ def test_build_makes_a_verified_file_and_resumes(tmp_path: Path, capsys: pytest.
         held_out_points=20,
         radiation="sphere",
     )
-    sizes["audio"].update(radiation="sphere")
     sizes["touch"].update(touches=2, held_out_touches=4)
     sizes["encode"]["visionnet"].update(steps=20)
     sizes["encode"]["audionet"].update(goal_db=-15.0)

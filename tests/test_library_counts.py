@@ -1,4 +1,4 @@
-"""A constant's name has one meaning in the whole library."""
+"""What is counted in the library's code: meanings of a constant's name, parameters of a function."""
 
 import ast
 from collections import defaultdict
@@ -6,9 +6,21 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
+
 import objectfolder
 
 LIBRARY = Path(objectfolder.__file__).parent
+MOST_PARAMETERS = 8
+# Functions with more of them; the number only falls.
+LONG_SIGNATURES = 20
+
+
+@pytest.fixture(scope="module")
+def modules() -> dict[str, ast.Module]:
+    """The modules of the library by their paths."""
+    paths = sorted(LIBRARY.rglob("*.py"))
+    return {str(path.relative_to(LIBRARY)): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def constants(module: ast.Module) -> Iterator[tuple[str, ast.expr]]:
@@ -29,10 +41,10 @@ def constants(module: ast.Module) -> Iterator[tuple[str, ast.expr]]:
                 yield target.id, value
 
 
-def test_no_name_of_a_constant_has_two_values() -> None:
+def test_no_name_of_a_constant_has_two_values(modules: dict[str, ast.Module]) -> None:
     values: dict[str, dict[object, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for path in sorted(LIBRARY.rglob("*.py")):
-        for name, value in constants(ast.parse(path.read_text())):
+    for path, module in modules.items():
+        for name, value in constants(module):
             if isinstance(value, ast.Attribute) and value.attr == name:  # another room's constant, handed on
                 continue
             meaning: object = ast.unparse(value)
@@ -41,6 +53,25 @@ def test_no_name_of_a_constant_has_two_values() -> None:
                 hash(meaning)
             if isinstance(meaning, dict | list | set):
                 meaning = repr(meaning)
-            values[name][meaning].append(str(path.relative_to(LIBRARY)))
+            values[name][meaning].append(path)
     assert len(values) > 500
     assert {name: dict(meanings) for name, meanings in values.items() if len(meanings) > 1} == {}
+
+
+def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
+    """Names of what a caller gives: all parameters but the instance or the class."""
+    arguments = function.args
+    names = [part.arg for part in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+    return names[1:] if names[:1] in (["self"], ["cls"]) else names
+
+
+def test_few_functions_take_more_than_eight_parameters(modules: dict[str, ast.Module]) -> None:
+    long, count = [], 0
+    for path, module in modules.items():
+        for node in ast.walk(module):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                count += 1
+                if len(parameters(node)) > MOST_PARAMETERS:
+                    long.append(f"{path}: {node.name}")
+    assert count > 1500
+    assert len(long) <= LONG_SIGNATURES, "\n".join(long)
