@@ -81,7 +81,7 @@ class TouchNet:
         ----------
         points
             (n, 3), object frame, metres.
-        asked
+        query
             How to press. Where it names no contact model it is elastic if a force is asked for, else the
             net's own; if None, a millimetre along the normal with the net's own model and samples.
         resolution

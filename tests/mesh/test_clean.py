@@ -206,12 +206,3 @@ def test_inertia_of_a_box():
     assert properties.volume_m3 == pytest.approx(volume, rel=1e-12)
     np.testing.assert_allclose(properties.centre_of_mass_m, [1, -2, 3], rtol=1e-12)
     np.testing.assert_allclose(properties.inertia_per_density_m5, np.diag(expected), rtol=1e-10, atol=1e-15)
-
-
-def test_inertia_of_a_sphere():
-    properties = solid_properties(*sphere(0.5, 5))
-    volume = 4 / 3 * np.pi * 0.5**3
-    assert properties.volume_m3 == pytest.approx(volume, rel=2e-3)
-    np.testing.assert_allclose(
-        properties.inertia_per_density_m5, 0.4 * volume * 0.25 * np.eye(3), rtol=4e-3, atol=1e-12
-    )

@@ -1,5 +1,3 @@
-from functools import cache
-
 import numpy as np
 import pytest
 from touch_shapes import box
@@ -21,39 +19,19 @@ def meets_housing(triangles: np.ndarray, sensor: Sensor) -> bool:
     return patches.enters_box(np.eye(4), np.array(sensor.housing_low_m), np.array(sensor.housing_high_m))
 
 
-def dense_indentation(triangle: np.ndarray, sensor: Sensor, steps: int = 400) -> float:
-    """Largest indentation over a grid of points of the triangle that lie under the gel."""
-    i, j = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1))
-    i, j = i[i + j <= steps], j[i + j <= steps]
-    points = np.stack([steps - i - j, i, j], axis=1) / steps @ triangle
-    under = (np.abs(points[:, 1]) <= 0.01) & (np.abs(points[:, 2] - 0.015) <= 0.015) & (points[:, 0] >= 0.001)
-    gap = gel_surface(sensor, points[under, 1], points[under, 2]) - points[under, 0]
-    return float(gap.max(initial=-np.inf))
-
-
-@cache
-def dense_search(size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of about a size round the gel, and their largest indentations over grids of points."""
-    random = np.random.default_rng(int(size * 1e4))
-    centres = np.array([0.022, 0, 0.015]) + random.normal(size=(150, 1, 3)) * [0.003, 0.006, 0.009]
-    triangles = centres + random.normal(size=(150, 3, 3)) * [0.2 * size, size, size]
-    return triangles, np.array([dense_indentation(triangle, Sensor()) for triangle in triangles])
-
-
-@pytest.mark.parametrize("size", [0.002, 0.02, 0.1])
-def test_indentations_are_the_maxima_of_a_dense_search(size: float) -> None:
-    sensor = Sensor()
-    triangles, dense = dense_search(size)
-    found = indentations(triangles, sensor)
-    hit = np.isfinite(dense)
-    assert hit.sum() > 60
-    ahead = hit & (triangles[:, :, 0].min(axis=1) > 0.001)
-    assert (found[ahead] >= dense[ahead] - 1e-12).all()
-    # What reaches behind the camera fills the sensor: by how much does not matter.
-    assert (found[hit] >= np.minimum(dense[hit], 0.0155) - 1e-12).all()
-    # A grid of 1/400 of the triangle misses the maximum by about that part of its slope.
-    assert (found[ahead] - dense[ahead] <= size / 100).all()
-    assert np.median(found[ahead] - dense[ahead]) < size / 2000
+def test_a_face_that_reaches_behind_the_camera_fills_the_sensor() -> None:
+    """Against a grid of points of each face: no less, or no less than the gel is deep."""
+    random, sensor = np.random.default_rng(1000), Sensor()
+    centres = np.array([0.022, 0, 0.015]) + random.normal(size=(80, 1, 3)) * [0.003, 0.006, 0.009]
+    triangles = centres + random.normal(size=(80, 3, 3)) * [0.02, 0.1, 0.1]
+    i, j = np.meshgrid(np.arange(101), np.arange(101))
+    shares = np.stack([100 - i - j, i, j], axis=-1)[i + j <= 100] / 100
+    x, y, z = np.moveaxis(shares @ triangles, 2, 0)
+    under = (np.abs(y) <= 0.01) & (np.abs(z - 0.015) <= 0.015) & (x >= 0.001)
+    dense = np.where(under, gel_surface(sensor, y, z) - x, -np.inf).max(axis=1)
+    behind = np.isfinite(dense) & (triangles[:, :, 0].min(axis=1) < 0.001)
+    assert behind.sum() > 15
+    assert (indentations(triangles[behind], sensor) >= np.minimum(dense[behind], 0.0155) - 1e-12).all()
 
 
 def test_an_edge_along_the_axis_indents_as_its_end() -> None:
@@ -71,21 +49,6 @@ def test_a_face_on_edge_but_for_rounding_indents_as_its_edges(rounding: float) -
 def test_a_triangle_beside_the_gel_does_not_indent_it() -> None:
     triangle = np.array([[[0.01, 0.02, 0.0], [0.01, 0.03, 0.0], [0.01, 0.02, 0.03]]])
     assert indentations(triangle, Sensor())[0] == -np.inf
-
-
-def test_meeting_the_housing_agrees_with_a_search_over_points() -> None:
-    sensor, random = Sensor(), np.random.default_rng(5)
-    low, high = np.array(sensor.housing_low_m), np.array(sensor.housing_high_m)
-    weights = random.dirichlet([0.7, 0.7, 0.7], 20000)
-    wrong = 0
-    for _ in range(300):
-        triangle = (low + high) / 2 + random.normal(size=(1, 3)) * 0.03 + random.normal(size=(3, 3)) * 0.02
-        points = weights @ triangle
-        inside = bool(((points > low) & (points < high)).all(axis=1).any())
-        exact = meets_housing(triangle[None], sensor)
-        assert exact or not inside
-        wrong += exact != inside
-    assert wrong <= 3
 
 
 def test_a_face_that_only_touches_the_housing_does_not_meet_it() -> None:
