@@ -60,13 +60,18 @@ def measure_feel(
         ``psnr_db``, ``psnr_contact_db``, ``ssim``: means over touches (contact: over those that touch).
     """
     rows = measure_touches(truth, truth_mask, answer, answer_mask)
-    contact = [row["psnr_contact_db"] for row in rows if row["psnr_contact_db"] is not None]
+    contact = in_contact(rows)
     return {
         "psnr_db": float(np.mean([row["psnr_db"] for row in rows])),
         "psnr_contact_db": float(np.mean(contact)) if contact else None,
         "psnr_contact_worst_db": float(np.min(contact)) if contact else None,
         "ssim": float(np.mean([ssim(t, a) for t, a in zip(truth, answer, strict=True)])),
     }
+
+
+def in_contact(rows: list[dict[str, Any]]) -> list[float]:
+    """Return ``psnr_contact_db`` of those touches of `measure_touches` in which something is in contact."""
+    return [row["psnr_contact_db"] for row in rows if row["psnr_contact_db"] is not None]
 
 
 def measure_renderers(touches: Product) -> dict[str, float | None]:

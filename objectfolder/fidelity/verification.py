@@ -229,13 +229,14 @@ def _feel(
         net.press(queries[0][:1])  # prepares the surface
         with _timed(seconds, _key("touch", "surface_step_um", step * 1e6), len(truth)):
             coarse = net.press(queries[0], Press(queries[1], None, *angles))
-        error = feel.measure_feel(truth, mask, coarse.rgb, coarse.mask)["psnr_contact_db"]
+        contact = feel.in_contact(feel.measure_touches(truth, mask, coarse.rgb, coarse.mask))
+        error = float(np.mean(contact)) if contact else None
         size = sum(tensor.nbytes for tensor in tensors.values())
         rows.append(_row("touch", "surface_step_um", step * 1e6, error, "contact PSNR dB", size))
     # Those that touch nothing come last.
-    contact = np.array([row["psnr_contact_db"] for row in per_touch], dtype=np.float64)
-    order = np.argsort(contact, kind="stable")
-    shown = _spread(order[: np.isfinite(contact).sum() or len(order)])
+    psnr = np.array([row["psnr_contact_db"] for row in per_touch], dtype=np.float64)
+    order = np.argsort(psnr, kind="stable")
+    shown = _spread(order[: np.isfinite(psnr).sum() or len(order)])
     summary = {
         **measured,
         "per_touch": per_touch,

@@ -184,3 +184,28 @@ def project(
         [width / 2.0 - focal * local[:, 0] / local[:, 2], height / 2.0 + focal * local[:, 1] / local[:, 2]],
         axis=1,
     )
+
+
+def image_box(
+    points: np.ndarray,
+    pose: np.ndarray,
+    resolution: int | tuple[int, int],
+    field_of_view_deg: float,
+    margin_px: int = 0,
+) -> tuple[int, int, int, int]:
+    """Return (top, left, height, width) in pixels of the part of an image in which (n, 3) points lie.
+
+    It is the whole image where a point is beside the camera or behind it, and so has no place there, and
+    may be without pixels where all lie outside.
+    """
+    height, width = image_size(resolution)
+    depth = (pose[:3, 3] - points) @ pose[:3, 2]
+    if depth.min() <= 1e-6:
+        return 0, 0, height, width
+    places = project(points, pose, (height, width), field_of_view_deg)
+    (left, top), (right, bottom) = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
+    rows, columns = (
+        np.clip([first - margin_px, last + margin_px], 0, size).astype(int)
+        for first, last, size in ((top, bottom, height), (left, right, width))
+    )
+    return int(rows[0]), int(columns[0]), int(np.ptp(rows)), int(np.ptp(columns))

@@ -4,6 +4,7 @@ import pytest
 from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import (
     focal_length_px,
+    image_box,
     look_at,
     pixel_rays,
     project,
@@ -37,6 +38,18 @@ def test_up_in_the_image_is_up_in_the_world():
     above = project(np.array([[0, 0, 0.1]]), pose, 100, 40.0)
     assert above[0, 0] == pytest.approx(50)
     assert above[0, 1] < 50
+
+
+def test_points_lie_in_their_box_and_those_beside_the_camera_anywhere():
+    pose, size = look_at(np.array([[0.0, -2.0, 0.0]]))[0], (40, 60)
+    corners = np.array([[-0.5, 0.0, -0.25], [0.5, 0.0, 0.25]])
+    focal = focal_length_px(size, 60.0)  # 52: the points are 26 and 13 pixels wide
+    assert image_box(corners, pose, size, 60.0) == (13, 17, 14, 26)
+    assert focal == pytest.approx(51.96, abs=0.01)
+    assert image_box(corners, pose, size, 60.0, margin_px=3) == (10, 14, 20, 32)
+    assert image_box(corners + np.array([0.0, 0.0, 0.6]), pose, size, 60.0, margin_px=3) == (0, 14, 14, 32)
+    assert image_box(corners + np.array([0.0, 0.0, 9.0]), pose, size, 60.0)[2:] == (0, 26)
+    assert image_box(corners - np.array([0.0, 2.0, 0.0]), pose, size, 60.0) == (0, 0, *size)
 
 
 def test_a_camera_at_its_target_is_refused():

@@ -143,8 +143,22 @@ def test_parts_of_images_are_rendered_alone_and_several_requests_in_one_process(
     finer = dataclasses.replace(whole, samples=16, most_samples=64)
     alone = [render_in_children(scene_of(cube()), shots)[0] for shots in (whole, part, finer)]
     assert not np.array_equal(alone[2], alone[0])
-    for image, again in zip(alone, render_series(scene_of(cube()), [whole, part, finer]), strict=True):
+    # Half beside the image, and wholly.
+    shifts = np.array([[0.0, 0.0, 0.9], [0.0, 0.0, 3.0]])
+    aside = dataclasses.replace(
+        finer, camera_to_world=look_at(np.tile([[0.0, -2.5, 0.0]], (2, 1)), shifts),
+        light_position=np.tile(light, (2, 1)), seeds=np.arange(2), width=51,
+    )  # fmt: skip
+    everywhere = [
+        dataclasses.replace(shots, parts=np.tile([[0, 0, 32, shots.width]], (len(shots.seeds), 1)))
+        for shots in (finer, aside)
+    ]
+    series = render_series(scene_of(cube()), [whole, part, finer, aside, *everywhere])
+    for image, again in zip(alone, series[:3], strict=True):
         np.testing.assert_array_equal(again[0], image)
+    np.testing.assert_array_equal(series[2], series[4])
+    np.testing.assert_array_equal(series[3], series[5])
+    assert [(image[..., 3] > 0).any() for image in series[3]] == [True, False]
     expected = np.zeros_like(alone[0])
     expected[8:18, 12:18] = alone[0][8:18, 12:18]
     assert (expected[..., 3] > 0).any()

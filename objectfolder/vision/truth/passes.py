@@ -13,7 +13,7 @@ import numpy as np
 from objectfolder.mesh.normal_maps import MappedNormals
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.texture_lookup import bilinear
-from objectfolder.vision.cameras import pixel_rays, project
+from objectfolder.vision.cameras import image_box, pixel_rays
 from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.truth.render_request import FACES_WITH_HOLES, Scene
 
@@ -94,16 +94,9 @@ def _pixels_around(
     corners: np.ndarray, camera_to_world: np.ndarray, resolution: tuple[int, int], field_of_view_deg: float
 ) -> np.ndarray:
     """Flat indices of the pixels in the box around the image of (n, 3) points."""
-    height, width = resolution
-    depth = (camera_to_world[:3, 3] - corners) @ camera_to_world[:3, 2]
-    if depth.min() <= 1e-6:
-        # Points beside or behind the camera have no image: look everywhere.
-        return np.arange(height * width)
-    places = project(corners, camera_to_world, resolution, field_of_view_deg)
-    (left, top), (right, bottom) = np.floor(places.min(axis=0)), np.ceil(places.max(axis=0))
-    columns = np.arange(max(0, int(left)), min(width, int(right)))
-    rows = np.arange(max(0, int(top)), min(height, int(bottom)))
-    return (rows[:, None] * width + columns).ravel()
+    top, left, height, width = image_box(corners, camera_to_world, resolution, field_of_view_deg)
+    rows, columns = np.arange(top, top + height), np.arange(left, left + width)
+    return (rows[:, None] * resolution[1] + columns).ravel()
 
 
 def _first_seen(

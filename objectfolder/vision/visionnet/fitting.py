@@ -11,7 +11,6 @@ from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.material import Material
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
 from objectfolder.vision.network.surface_maps import SurfaceMaps
-from objectfolder.vision.visionnet.training import Priors, trace_training_rays, train
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 MATERIALS = "known", "learned"
@@ -86,6 +85,9 @@ def fit_visionnet(
         if material == "known":
             finding = "the lattice of base colours has no room for the faces of this thin glass"
         raise InputError("visionnet.material", finding, "Use known, a mesh of fewer faces, or opaque glass.")
+    # Importing torch takes as long as encoding a small object of known material.
+    from objectfolder.vision.visionnet.training import Priors, trace_training_rays, train
+
     mirrors = shows_itself(appearance, surface) if mirrors is None else mirrors
     if training_sub_rays is None:
         alpha = views["rgba"][~views["held_out"]][..., 3]
