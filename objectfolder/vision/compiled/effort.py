@@ -4,6 +4,11 @@ from dataclasses import dataclass
 
 from objectfolder.errors import QueryError
 
+# Of a known material, points of a pixel in which colour changes, by the sub-rays from which on there are so
+# many; no more than the pixel has sub-samples of visibility. Learned light takes 16.
+POINTS = {128: 64, 64: 32}
+LEARNED_POINTS = 16
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -50,8 +55,8 @@ class Effort:
     coarse: bool = False
 
     @classmethod
-    def of(cls, sub_rays: int, *, one_lamp: bool = False) -> "Effort":
-        """Return the effort of a number of sub-rays, of one lamp on a known material if `one_lamp`.
+    def of(cls, sub_rays: int, *, is_known: bool = False, one_lamp: bool = False) -> "Effort":
+        """Return the effort of a number of sub-rays, by a network or on a known material, of one lamp or not.
 
         Raises
         ------
@@ -59,9 +64,12 @@ class Effort:
             Fewer than one.
         """
         if sub_rays < 1:
-            raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 2, 4, 16 or 64.")
+            raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 2, 4, 16, 64 or 128.")
         if sub_rays >= 64:
-            return cls(16, 4 * sub_rays, max(1024, 4 * sub_rays), 4, 16, 64, 64, 0.03, 12)
+            points = next(count for least, count in POINTS.items() if sub_rays >= least)
+            points = points if is_known else LEARNED_POINTS
+            return cls(points, 4 * sub_rays, max(1024, 4 * sub_rays), 4, points, 64, 64, 0.03, 12)
+        one_lamp = one_lamp and is_known
         if one_lamp and sub_rays >= 16:
             return cls(16, 64, 256, 1, 16, 16, 16, 0.03, gloss=1, coarse=True)
         if one_lamp and sub_rays >= 4:

@@ -12,6 +12,8 @@ from objectfolder.vision.compiled.shading import SHOWN, Chosen, Shading, Visible
 from objectfolder.vision.compiled.visibility import View
 from objectfolder.vision.compositing import srgb_encode
 
+# Of many lamps each is asked at one of so many points of a piece of surface in a pixel.
+MOST_TURNS = 16
 # At `MORE` points where normals turn in a pixel: 1 - length of their mean, in squared widths of the lobe.
 CURVED, MORE = 0.03, 4
 # The same, and the difference to a neighbour in sRGB, from which on `Effort.shaded_uneven` points meet a
@@ -122,7 +124,7 @@ def shade_in_turn(
     The next light is asked at the next point: a group's points are found once, and are all asked
     (interleaved sampling, Keller and Heidrich 2001).
     """
-    count, turns = len(view.rows), effort.shaded_uneven
+    count, turns = len(view.rows), min(effort.shaded_uneven, MOST_TURNS)
     chosen = shading.chosen(view, labels_of(view), np.full(count, turns))
     visible = shading.visible(chosen.points)
     first = np.flatnonzero(np.diff(chosen.pixel * GROUPS + chosen.group, prepend=-1))

@@ -121,7 +121,7 @@ class CompiledRenderer:
         """
         is_known = isinstance(self._network, KnownLight)
         lights = list(_lights(light_position, light_colour))
-        effort = Effort.of(sub_rays, one_lamp=is_known and len(lights) == 1)
+        effort = Effort.of(sub_rays, is_known=is_known, one_lamp=len(lights) == 1)
         reach = SMOOTH_PX + 1 if is_known else 0
         view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, reach)
         colour = np.zeros((len(view.rows), 3))
@@ -162,7 +162,7 @@ class CompiledRenderer:
         crop: Crop | None = None,
     ) -> np.ndarray:
         """Render one view in an environment, otherwise as `render`."""
-        effort = Effort.of(sub_rays)
+        effort = Effort.of(sub_rays, is_known=isinstance(self._network, KnownLight))
         view = self._view(camera_to_world, size, field_of_view_deg, effort, crop, SMOOTH_PX)
         colour = np.zeros((len(view.rows), 3))
         if len(colour):

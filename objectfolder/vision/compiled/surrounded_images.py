@@ -8,13 +8,14 @@ from objectfolder.vision.compiled.borders import contrasting, sum_by_pixel
 from objectfolder.vision.compiled.effort import Effort
 from objectfolder.vision.compiled.grouping import GROUPS
 from objectfolder.vision.compiled.known_light import KnownLight
-from objectfolder.vision.compiled.shading import SHOWN, Chosen, Shading, cast_of, labels_of
+from objectfolder.vision.compiled.shading import MOST_SHADED, SHOWN, Chosen, Shading, cast_of, labels_of
 from objectfolder.vision.compiled.smoothing import SMOOTH_LOBE, make_smoother, smooth_gathered
 from objectfolder.vision.compiled.surroundings import Surroundings
 from objectfolder.vision.compiled.visibility import View
 from objectfolder.vision.compositing import srgb_encode
 
-# Of known material, where a piece of surface ends and colour changes: times more points.
+# Of known material, where a piece of surface ends and colour changes: times more points, if `MOST_SHADED`
+# allows.
 ENDS = 4
 # Where a piece ends, pixels are not averaged with others, and maps are looked up this much more sparsely.
 AVERAGED = 16
@@ -53,7 +54,8 @@ def shade_surrounded(shading: Shading, view: View, around: Surroundings, effort:
     if is_known and effort.shaded_ends:
         # Where a piece ends nothing is averaged over pixels.
         ends = view.samples[1].pixels
-        most[ends], finest[ends] = effort.shaded_ends, ENDS * effort.shaded_uneven
+        most[ends] = effort.shaded_ends
+        finest[ends] = min(ENDS * effort.shaded_uneven, MOST_SHADED)
     chosen = shading.chosen(view, labels, np.full(len(view.rows), effort.shaded))
     outline = around.outlined(chosen.points, gathered.of(probe[chosen.pixel, chosen.group]))
     matt, even = (summed(chosen, part) for part in outline)

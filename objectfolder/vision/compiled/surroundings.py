@@ -25,6 +25,8 @@ from objectfolder.vision.network.incidence import SELF_OFFSET
 from objectfolder.vision.network.network_layout import LEAST_COSINE
 
 LIGHTS_A_PIXEL = 32
+# Of known material: .7 and 1.3 dB more of a mug than by 32, for a tenth of the time.
+KNOWN_LIGHTS_A_PIXEL = 128
 # Every so many of these lights tells the bounced light: the network knows it of lamps at distance 1.
 BOUNCED_STEP = 8
 # Lookups are in a map finer than the sparseness of directions, by this many halvings.
@@ -92,11 +94,12 @@ class Surroundings:
         network, around = self._network, self._environment
         features, _ = network.features(points)
         arriving, unhindered, bounced, sampled = (np.zeros((len(features), 3)) for _ in range(4))
-        turns = MAP_LIGHTS // LIGHTS_A_PIXEL
+        lights = KNOWN_LIGHTS_A_PIXEL if isinstance(network, KnownLight) else LIGHTS_A_PIXEL
+        turns = MAP_LIGHTS // lights
         turn = (4 * (cast.rows % 4) + cast.columns % 4) * 5 % turns
         if bounces and isinstance(network, KnownLight):
             bounced = network.bounced_round(points, features, around)
-        for index in range(LIGHTS_A_PIXEL):
+        for index in range(lights):
             light = index * turns + (turn + 3 * index) % turns
             direction, power = around.directions[light], around.powers[light]
             irradiance, hidden = self._surface.light_from(points, INFINITE_DISTANCE * direction)
