@@ -44,7 +44,7 @@ from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZES = (128, 256)
-SUB_RAYS = (1, 2, 4, 16, 64)
+SUB_RAYS = (1, 2, 4, 16, 64, 128)
 CYCLES_SAMPLES = (1, 4, 16, 64, 256)
 TRAINING_SAMPLES, TRUTH_SAMPLES = 32, 512
 # Rays on which the paper's network is judged: whole images would take minutes each. One image of the smallest

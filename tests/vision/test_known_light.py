@@ -19,12 +19,14 @@ from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import THIN, Appearance
 from objectfolder.vision.cameras import look_at
+from objectfolder.vision.compiled.effort import LEARNED_POINTS, Effort
 from objectfolder.vision.compiled.known_light import KnownLight
 from objectfolder.vision.compiled.lattice_values import LatticeLookup
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.compiled.lobes import Cast
 from objectfolder.vision.compiled.radiosity import BOUNCES, COARSE_BOUNCES, Radiosity
 from objectfolder.vision.compiled.renderer import CompiledRenderer
+from objectfolder.vision.compiled.shading import MOST_SHADED
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.face_lattice import HALF_SIDE, FaceLattice, facing
 from objectfolder.vision.network.incidence import UnitSurface
@@ -108,6 +110,13 @@ def test_more_sub_rays_are_nearer_to_the_finest_image():
         np.square(net.render(CAMERA, lamp, 32, 39.6, count) - finest).mean() for count in (2, 4, 64)
     )
     assert fine < 0.3 * middle < 0.1 * coarse
+
+
+def test_no_more_points_are_asked_for_than_a_pixel_has_sub_samples():
+    for count in (64, 128, 4096):
+        effort = Effort.of(count, is_known=True, one_lamp=True)
+        assert LEARNED_POINTS < effort.shaded_uneven <= min(effort.samples, MOST_SHADED)
+        assert Effort.of(count).shaded_uneven == LEARNED_POINTS
 
 
 def test_places_of_a_cube_that_look_one_way_share_a_value_in_the_order_of_cubes():
