@@ -6,7 +6,7 @@ from objectfolder.errors import QueryError
 
 # Of a known material, points of a pixel in which colour changes, by the sub-rays from which on there are so
 # many; no more than the pixel has sub-samples of visibility. Learned light takes 16.
-POINTS = {128: 64, 64: 32}
+POINTS_BY_SUB_RAYS = {128: 64, 64: 32}
 LEARNED_POINTS = 16
 
 
@@ -66,7 +66,7 @@ class Effort:
         if sub_rays < 1:
             raise QueryError("sub_rays", f"{sub_rays} rays a pixel", "Use 1, 2, 4, 16, 64 or 128.")
         if sub_rays >= 64:
-            points = next(count for least, count in POINTS.items() if sub_rays >= least)
+            points = next(count for least, count in POINTS_BY_SUB_RAYS.items() if sub_rays >= least)
             points = points if is_known else LEARNED_POINTS
             return cls(points, 4 * sub_rays, max(1024, 4 * sub_rays), 4, points, 64, 64, 0.03, 12)
         one_lamp = one_lamp and is_known
