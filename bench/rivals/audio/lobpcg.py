@@ -1,4 +1,4 @@
-"""LOBPCG, the eigensolver of NeuralSound, on its voxels and on quadratic tetrahedra.
+"""LOBPCG, the eigensolver of NeuralSound, on its voxels.
 
 NeuralSound (X. Jin, S. Li, G. Wang and D. Manocha, ACM Trans. Graph. 41, 2022) takes 20 modes of 32^3
 trilinear hexahedra by LOBPCG in double precision on a graphics card, started from vectors that a sparse
@@ -17,10 +17,7 @@ from bench.record import Stopwatch
 from bench.rivals.audio import voxels
 from bench.rivals.audio.outcome import Outcome
 from bench.rivals.audio.voxel_grid import voxelise
-from objectfolder.audio.elements.elasticity import assemble
-from objectfolder.audio.elements.space import Space
 from objectfolder.audio.materials import Material
-from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
 
 MODES = 20
@@ -47,19 +44,6 @@ def on_voxels(
             hexahedra, int(hexahedra.max()) + 1, *voxels.hexahedron(material.poisson_ratio)
         )
     return _solve(stiffness, mass, 6, material.shear_speed_m_s / grid.edge_m, preconditioner, modes, watch)
-
-
-def on_tetrahedra(
-    solid: Solid, material: Material, order: int, preconditioner: str, modes: int = MODES
-) -> Outcome:
-    """First elastic modes of straight tetrahedra of one order."""
-    watch = Stopwatch()
-    length = float(np.ptp(solid.vertices, axis=0).max())
-    with watch.step("assembly"):
-        space = Space.on(solid.vertices / length, solid.tetrahedra, order)
-        stiffness, mass = assemble(space, material.poisson_ratio)
-    radians = material.shear_speed_m_s / length
-    return _solve(stiffness, mass, 6 * solid.components, radians, preconditioner, modes, watch)
 
 
 def _solve(
