@@ -6,6 +6,7 @@ Tasks work on its features. A protocol says what it is trained and tested on:
 - ``region``: test places lie in regions without a training place;
 - ``vertex``: touches at vertices of the surface, all as deep, other vertices for each split: the touches of
   ObjectFolder 1.0, as many of an object as `TouchAtVertices` asks for where it has these;
+- ``vertex region``: the touches of ``vertex``, but test places lie in regions without a training place;
 - ``one lamp``: as ``sample``, but images have one lamp anywhere, as the published views;
 - ``unseen``: networks are trained on other objects than those that are tested. All folds share the draws of
   ``sample`` with the first seed: only who is trained on differs.
@@ -19,16 +20,17 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from torch.nn.functional import adaptive_avg_pool2d
 
 from learning.folds import folds_of
-from learning.networks import Labelled, Network, answers, fit_classifier
+from learning.meshes import Meshes
+from learning.networks import PART, Labelled, Network, answers, fit_classifier
 from learning.runs import LOGS, Objects, kept
-from learning.samples import Samples, draw, pressed, reachable_vertices, regions_of
+from learning.samples import Samples, Source, draw, regions_of
 from learning.settings import Settings
+from learning.vertices import AT_VERTICES, touched_vertices
 from learning.workers import Workers
-from objectfolder.errors import InputError
-from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
 
 SPLITS = ("training", "validation", "test")
@@ -77,7 +79,12 @@ class Encoder:
 
 
 def encoded(
-    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int] = ()
+    objects: Objects | Meshes,
+    settings: Settings,
+    sense: str,
+    protocol: str,
+    seed: int,
+    unseen: Sequence[int] = (),
 ) -> Encoder:
     """Train the network of a sense, or read what it was.
 
@@ -93,7 +100,7 @@ def encoded(
         "data": settings.data.model_dump(exclude={"root", "objects"}),
         "encoder": settings.encoder.model_dump(), "files": objects.digests,
     }  # fmt: skip
-    if protocol == "vertex":
+    if protocol in AT_VERTICES:
         key["touch_at_vertices"] = settings.touch_at_vertices.model_dump(exclude={"finer_resolution"})
     stored = kept(__name__, key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
     return _unpacked(stored)
@@ -132,7 +139,7 @@ def _trained(objects: Objects, settings: Settings, group: Sequence[Any]) -> None
 
 
 def _train(
-    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int]
+    objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int]
 ) -> Arrays:
     if protocol == "unseen":
         samples, nearest = drawn(objects, settings, sense, "sample", settings.seeds[0])
@@ -145,8 +152,9 @@ def _train(
     else:
         samples, nearest = drawn(objects, settings, sense, protocol, seed)
     parameters = settings.encoder
-    if protocol == "vertex":
-        parameters = parameters.model_copy(update={"epochs": settings.touch_at_vertices.epochs})
+    if protocol in AT_VERTICES:
+        own = settings.touch_at_vertices
+        parameters = parameters.model_copy(update={"epochs": own.epochs, "batch": own.batch})
     from torch.utils.tensorboard import SummaryWriter
 
     with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:
@@ -163,7 +171,8 @@ def packed(network: Network, samples: dict[str, Labelled]) -> Arrays:
         features, logs = answers(network, part.inputs)
         arrays |= {f"{split}/features": features.numpy(), f"{split}/logs": logs.numpy()}
         arrays[f"{split}/labels"] = part.labels.numpy()
-        arrays[f"{split}/averaged"] = adaptive_avg_pool2d(part.inputs, AVERAGED).flatten(1).numpy()
+        averaged = [adaptive_avg_pool2d(rows.float(), AVERAGED) for rows in part.inputs.split(PART)]
+        arrays[f"{split}/averaged"] = torch.cat(averaged).flatten(1).numpy()
     return arrays
 
 
@@ -174,16 +183,14 @@ def _unpacked(arrays: Arrays) -> Encoder:
 
 @lru_cache(maxsize=1)
 def drawn(
-    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int
+    objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int
 ) -> tuple[dict[str, Labelled], float]:
     """Draw the samples of all objects: inputs and labels by split, and how near test is to training."""
     draws = {split: label_draws(objects, settings, sense, protocol, seed, split) for split in SPLITS}
     nearest = []
-    for label, file in enumerate(objects.files.values()):
-        size = 1.0 if sense == "vision" else float(np.ptp(file.surface.bounds, axis=0).max())
-        test, training = (draws[split][label].places for split in ("test", "training"))
-        gaps = np.linalg.norm(test[:, None] - training, axis=2).min(axis=1)
-        nearest.append(np.median(gaps) / size)
+    for test, training in zip(draws["test"], draws["training"], strict=True):
+        gaps, _ = KDTree(training.places).query(test.places)
+        nearest.append(np.median(gaps) / test.extent)
     labelled = {
         split: Labelled(
             torch.cat([sample.inputs for sample in samples]),
@@ -197,16 +204,17 @@ def drawn(
 
 
 def label_draws(
-    objects: Objects, settings: Settings, sense: str, protocol: str, seed: int, split: str
+    objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int, split: str
 ) -> list[Samples]:
     """Draw the samples of a split, an entry an object."""
-    if protocol == "vertex":
-        return [_at_vertices(file, name, settings, seed, split) for name, file in objects.files.items()]
+    if protocol in AT_VERTICES:
+        return [touched_vertices(objects, name, settings, protocol, seed, split) for name in objects.ids]
     data = settings.data
     training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
     count = {"training": training, "validation": data.validation, "test": data.test}[split]
     draws = []
-    for object_id, file in objects.files.items():
+    files: Mapping[str, Source] = objects.files
+    for object_id, file in files.items():
         chosen = None
         if protocol == "region":
             regions = regions_of(file, sense, data.regions, seed_from(seed, "regions", object_id))
@@ -215,19 +223,3 @@ def label_draws(
         lit = protocol != "one lamp"
         draws.append(draw(file, sense, count, drawn_seed, resolution, chosen=chosen, lit=lit))
     return draws
-
-
-def _at_vertices(file: ObjectFile, object_id: str, settings: Settings, seed: int, split: str) -> Samples:
-    """Press at an object's vertices of a split: those of test and validation come first, others train."""
-    data, parameters = settings.data, settings.touch_at_vertices
-    places = reachable_vertices(file, parameters.depth_m, seed_from(seed, "touch vertex", object_id))
-    first = data.test + data.validation
-    if len(places) <= first:
-        finding = f"{len(places)} vertices can be pressed, and {first} are for test and validation"
-        raise InputError(object_id, finding, "Leave it out of `data.objects`")
-    rows = {
-        "test": slice(data.test),
-        "validation": slice(data.test, first),
-        "training": slice(first, first + parameters.training),
-    }[split]
-    return pressed(file, places[rows], parameters.depth_m, data.resolution.touch)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
 JOINING = 128  # numbers of the layer that joins senses
+PART = 1024  # samples whose sums are taken at a time
 CHANNELS_LAST = torch.channels_last  # convolutions of few channels take three quarters of the time
 
 
@@ -44,8 +45,12 @@ class _Standardised(nn.Module):
 
     def learn(self, inputs: torch.Tensor) -> None:
         """Take the mean (channels, h, w) of inputs (n, channels, h, w), and one deviation from it."""
-        self.mean = inputs.mean(dim=0)
-        self.scale = inputs.var(dim=0).mean().sqrt() + 1e-6
+        # By parts: all of them as doubles would fill a memory.
+        total = sum(part.double().sum(dim=0) for part in inputs.split(PART))
+        mean = torch.as_tensor(total) / len(inputs)
+        squares = sum((part.double() - mean).square().sum() for part in inputs.split(PART))
+        variance = torch.as_tensor(squares) / (len(inputs) - 1) / mean.numel()
+        self.mean, self.scale = mean.float(), variance.sqrt().float() + 1e-6
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return ((x - self.mean) / self.scale).contiguous(memory_format=CHANNELS_LAST)
@@ -115,7 +120,7 @@ Network = ResNet18 | JoinedSenses
 
 @dataclass(frozen=True)
 class Labelled:
-    """Inputs (n, ...) float32 and labels (n,) int64."""
+    """Inputs (n, ...) float32 or float16, which networks take as float32, and labels (n,) int64."""
 
     inputs: torch.Tensor
     labels: torch.Tensor
@@ -184,7 +189,7 @@ def fit_classifier(
 
 
 def _on_device(inputs: torch.Tensor) -> torch.Tensor:
-    return inputs.to(DEVICE).contiguous(memory_format=CHANNELS_LAST)
+    return inputs.to(DEVICE).float().contiguous(memory_format=CHANNELS_LAST)
 
 
 @torch.no_grad()

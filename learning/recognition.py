@@ -94,6 +94,11 @@ def fused(encoders: Sequence[Encoder], seed: int) -> NDArray[np.bool_]:
 
 def of_several(test: Encoded, count: int, seed: int) -> float:
     """Return the accuracy of `count` samples of an object together: their log probabilities are summed."""
+    return float(shares_of_several(test, count, seed).mean())
+
+
+def shares_of_several(test: Encoded, count: int, seed: int) -> NDArray[np.float64]:
+    """Return the share (objects,) of draws whose `count` samples together are named rightly."""
     random = np.random.default_rng(seed)
     shares = []
     for label in np.unique(test.labels):
@@ -101,7 +106,7 @@ def of_several(test: Encoded, count: int, seed: int) -> float:
         chosen = random.permuted(rows, axis=1)[:, :count]
         answers = test.log_probabilities[chosen].sum(axis=1).argmax(axis=1)
         shares.append(np.mean(answers == label))
-    return float(np.mean(shares))
+    return np.array(shares)
 
 
 def accuracies(shares_of_seeds: Sequence[NDArray[np.float64]]) -> dict[str, Any]:

@@ -110,10 +110,11 @@ def kept(
     if path.exists():
         with np.load(path) as stored:
             return dict(stored)
-    began = time.perf_counter()
+    began, busy = time.perf_counter(), time.process_time()
     arrays = compute()
     facts = ", ".join(f"{name} {key[name]}" for name in SHOWN_FIELDS if name in key)
-    print(f"  {key['unit']}: {facts}, {time.perf_counter() - began:.0f} s", flush=True)
+    seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - busy
+    print(f"  {key['unit']}: {facts}, {seconds:.0f} s, {cpu_seconds:.0f} CPU-s", flush=True)
     RUNS.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(f".{os.getpid()}.partial")
     with partial.open("wb") as file:

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 from torch.nn.functional import adaptive_avg_pool2d, adaptive_max_pool2d
 
+from learning.meshes import TouchedMesh
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 
 Floats = NDArray[np.float64]
+Source = ObjectFile | TouchedMesh
 Choice = Callable[[Floats], NDArray[np.bool_]]
 SENSES = ("vision", "audio", "touch")
 SUB_RAYS = 4
@@ -28,6 +30,8 @@ SAMPLE_RATE_HZ, DURATION_S, WINDOW, FRAMES = 44100.0, 0.5, 1024, 64
 QUIET_M_S = 1e-4
 HELD_OUT_REGIONS, REGION_SAMPLES = 0.2, 2000
 MOST_DRAWS = 200
+PRESSED = 250  # at a time: thousands of full images would fill a memory
+TRIED_VERTICES = 1000  # at a time, until enough can be pressed: scans have tens of thousands
 
 
 @dataclass(frozen=True)
@@ -36,15 +40,18 @@ class Samples:
 
     Attributes
     ----------
-    inputs : (n, channels, height, width) float32
+    inputs : (n, channels, height, width) float32, of touch float16: half of the memory for thousands, and
+        finer than the 8 bits of what is averaged
     places : (n, 3) unit vectors to the camera, or contacts in metres, object frame
     queries : (n, ...) what was asked there: camera (16) and lamp (3) of an image, an impulse (3) in newton
         seconds, a depth (1) in metres
+    extent : what distances between places are shares of, metres: the object's longest side; 1 for directions
     """
 
     inputs: torch.Tensor
     places: Floats
     queries: Floats
+    extent: float
 
 
 def spectrograms(sounds: NDArray[np.float32], resolution: int) -> torch.Tensor:
@@ -75,7 +82,7 @@ def _from_bytes(images: NDArray[np.uint8]) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2), dtype=np.float32)) / 255
 
 
-def regions_of(file: ObjectFile, sense: str, regions: int, seed: int) -> tuple[Choice, Choice]:
+def regions_of(file: Source, sense: str, regions: int, seed: int) -> tuple[Choice, Choice]:
     """Return which places are for training and which for testing, by regions of k-means.
 
     Parameters
@@ -85,7 +92,8 @@ def regions_of(file: ObjectFile, sense: str, regions: int, seed: int) -> tuple[C
     """
     random = np.random.default_rng(seed)
     if sense == "vision":
-        places = _directions(file, file.sample_views(REGION_SAMPLES, seed)[0])
+        seen = _with_all_senses(file)
+        places = _directions(seen, seen.sample_views(REGION_SAMPLES, seed)[0])
     else:
         places, _ = file.sample_contacts(REGION_SAMPLES, seed, reachable=False)
     centres, _ = kmeans2(places, regions, minit="++", rng=random)
@@ -98,13 +106,19 @@ def regions_of(file: ObjectFile, sense: str, regions: int, seed: int) -> tuple[C
     return lambda points: ~tested(points), tested
 
 
+def _with_all_senses(file: Source) -> ObjectFile:
+    if not isinstance(file, ObjectFile):
+        raise TypeError(f"{file.name}: a mesh that is touched has no other sense")
+    return file
+
+
 def _directions(file: ObjectFile, cameras: Floats) -> Floats:
     away = cameras[:, :3, 3] - file.frame.centre
     return away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
 def draw(
-    file: ObjectFile,
+    file: Source,
     sense: str,
     count: int,
     seed: int,
@@ -135,34 +149,50 @@ def draw(
         parts.append((places[mask], queries[mask]))
         if sum(len(rows) for rows, _ in parts) >= count:
             places, queries = (np.concatenate(columns)[:count] for columns in zip(*parts, strict=True))
-            return Samples(_answers(file, sense, places, queries, resolution), places, queries)
-    name = file.description["object"]["name"]
+            extent = 1.0 if sense == "vision" else _length_m(file)
+            return Samples(_answers(file, sense, places, queries, resolution), places, queries, extent)
     finding = f"{MOST_DRAWS} draws hold fewer than {count} places of {sense} that are chosen"
-    raise InputError(name, finding, "Ask for fewer samples or fewer regions")
+    raise InputError(file.name, finding, "Ask for fewer samples or fewer regions")
 
 
-def reachable_vertices(file: ObjectFile, depth_m: float, seed: int) -> Floats:
-    """Return the vertices (n, 3) of the surface that the sensor can be pressed at, in random order.
+def reachable_vertices(file: Source, depth_m: float, seed: int, most: int) -> Floats:
+    """Return vertices (n, 3) of the surface that the sensor can be pressed at, in random order.
 
     A place where several vertices lie stands once, so that parts of the rows share no place.
+
+    Parameters
+    ----------
+    most
+        How many are enough.
     """
-    places = np.unique(file.surface.vertices, axis=0)
-    reachable = places[file.reach(places, depth_m, rolls=1).at_some_roll]
-    return np.random.default_rng(seed).permutation(reachable)
+    places = np.random.default_rng(seed).permutation(np.unique(file.surface.vertices, axis=0))
+    reachable = places[:0]
+    for first in range(0, len(places), TRIED_VERTICES):
+        tried = places[first : first + TRIED_VERTICES]
+        reachable = np.concatenate([reachable, tried[file.reach(tried, depth_m, rolls=1).at_some_roll]])
+        if len(reachable) >= most:
+            break
+    return reachable[:most]
 
 
-def pressed(file: ObjectFile, places: Floats, depth_m: float, resolution: int) -> Samples:
+def pressed(file: Source, places: Floats, depth_m: float, resolution: int) -> Samples:
     """Press at places (n, 3) of the surface, all as deep."""
     depths = np.full((len(places), 1), depth_m)
-    return Samples(_answers(file, "touch", places, depths, resolution), places, depths)
+    inputs = _answers(file, "touch", places, depths, resolution)
+    return Samples(inputs, places, depths, _length_m(file))
 
 
-def _queries(file: ObjectFile, sense: str, count: int, seed: int, lit: bool) -> tuple[Floats, Floats]:
+def _length_m(file: Source) -> float:
+    return float(np.ptp(file.surface.bounds, axis=0).max())
+
+
+def _queries(file: Source, sense: str, count: int, seed: int, lit: bool) -> tuple[Floats, Floats]:
     """Return places (count, 3), and what is asked there, a row each; see `Samples`."""
     random = np.random.default_rng(seed)
     if sense == "vision":
-        cameras, lights = file.sample_views(count, seed, lit=lit)
-        return _directions(file, cameras), np.hstack([cameras.reshape(count, 16), lights])
+        seen = _with_all_senses(file)
+        cameras, lights = seen.sample_views(count, seed, lit=lit)
+        return _directions(seen, cameras), np.hstack([cameras.reshape(count, 16), lights])
     points, normals = file.sample_contacts(count, seed, reachable=sense == "touch")
     if sense == "touch":
         return points, random.uniform(*DEPTHS_M, (count, 1))
@@ -170,13 +200,20 @@ def _queries(file: ObjectFile, sense: str, count: int, seed: int, lit: bool) -> 
     return points, -normals * np.exp(random.uniform(low, high, (count, 1)))
 
 
-def _answers(file: ObjectFile, sense: str, places: Floats, queries: Floats, resolution: int) -> torch.Tensor:
+def _answers(file: Source, sense: str, places: Floats, queries: Floats, resolution: int) -> torch.Tensor:
+    if sense == "touch":
+        return _touches(file, places, queries[:, 0], resolution)
+    file = _with_all_senses(file)
     if sense == "vision":
         cameras, lights = queries[:, :16].reshape(-1, 4, 4), queries[:, 16:]
         return _from_bytes(file.render(cameras, lights, resolution, sub_rays=SUB_RAYS))
-    if sense == "touch":
-        return pictures(_from_bytes(file.press(places, queries[:, 0]).rgb), resolution)
     return spectrograms(file.strike(places, queries, DURATION_S, SAMPLE_RATE_HZ), resolution)
+
+
+def _touches(file: Source, places: Floats, depths_m: Floats, resolution: int) -> torch.Tensor:
+    parts = range(0, len(places), PRESSED)
+    images = (file.press(places[row : row + PRESSED], depths_m[row : row + PRESSED]).rgb for row in parts)
+    return torch.cat([pictures(_from_bytes(part), resolution).half() for part in images])
 
 
 def stored(dataset: ObjectFolderDataset, count: int, seed: int, resolution: int) -> torch.Tensor:

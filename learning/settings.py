@@ -60,8 +60,10 @@ class TouchAtVertices(_Strict):
 
     training: PositiveInt
     epochs: PositiveInt
+    batch: PositiveInt
     depth_m: float = Field(gt=0, le=0.002)
     finer_resolution: Pixels | None
+    sensor: str
 
 
 class Retrieval(_Strict):
@@ -92,6 +94,7 @@ class Grasping(_Strict):
     resolution: Pixels
     sizes: tuple[PositiveInt, ...] = Field(min_length=1)
     others: PositiveInt
+    left_out: PositiveInt | None
     folds: int = Field(ge=2, le=20)
 
 

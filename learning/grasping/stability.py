@@ -186,8 +186,13 @@ def _by_size(grasps: Grasps, settings: Settings) -> Iterator[tuple[int, Rows, Ro
 
 
 def _by_object(objects: Objects, grasps: Grasps, settings: Settings) -> Iterator[tuple[str, Rows, Rows]]:
-    """Yield the name of each object that is left out, grasps of the others, and its own."""
-    for label in np.unique(grasps["object"]):
+    """Yield the name of each object that is left out, grasps of the others, and its own.
+
+    Where not each is, those that are lie evenly among all by name.
+    """
+    labels = np.unique(grasps["object"])
+    count = min(settings.grasping.left_out or len(labels), len(labels))
+    for label in labels[np.linspace(0, len(labels) - 1, count).round().astype(int)]:
         own = grasps["object"] == label
         others = np.random.default_rng(label).permutation(np.flatnonzero(~own))
         yield objects.ids[label], others[: settings.grasping.others], np.flatnonzero(own)

@@ -16,10 +16,12 @@ from learning.occupancy import Shapes
 from learning.reconstruction import Trial
 from learning.retrieval import similarities
 from learning.runs import Objects
-from learning.samples import SENSES, stored
+from learning.samples import SENSES, regions_of, stored
 from learning.settings import Retrieval
+from learning.vertices import AT_VERTICES
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
+from objectfolder.products.provenance import seed_from
 from tests.learning.conftest import at_root
 
 
@@ -33,21 +35,30 @@ def rows_of(array):
     return {row.tobytes() for row in np.ascontiguousarray(array)}
 
 
-def test_no_vertex_of_a_split_is_in_another(tiny):
+@pytest.mark.parametrize("protocol", AT_VERTICES)
+def test_no_vertex_of_a_split_is_in_another(tiny, protocol):
+    if protocol == "vertex region":  # which wants vertices in every region
+        at_vertices = tiny.touch_at_vertices.model_copy(update={"training": 150})
+        tiny = tiny.model_copy(update={"touch_at_vertices": at_vertices})
     objects = Objects(tiny)
     splits = [
-        label_draws(objects, tiny, "touch", "vertex", 0, split)
+        label_draws(objects, tiny, "touch", protocol, 0, split)
         for split in ("training", "validation", "test")
     ]
     counts = tiny.touch_at_vertices.training, tiny.data.validation, tiny.data.test
     for samples, count in zip(splits, counts, strict=True):
         for file, one in zip(objects.files.values(), samples, strict=True):
-            assert len(one.places) == len(rows_of(one.places)) == count
+            assert len(one.places) == len(rows_of(one.places))
+            assert len(one.places) == count if protocol == "vertex" else 0 < len(one.places) <= count
             assert rows_of(one.places) <= rows_of(file.surface.vertices)
             assert set(one.queries.ravel()) == {tiny.touch_at_vertices.depth_m}
     for first, second in combinations(splits, 2):
         for one, other in zip(first, second, strict=True):
             assert not rows_of(one.places) & rows_of(other.places)
+    if protocol == "vertex region":
+        for name, file, *samples in zip(objects.ids, objects.files.values(), *splits, strict=True):
+            _, tested = regions_of(file, "touch", tiny.data.regions, seed_from(0, "regions", name))
+            assert [tested(part.places).mean() for part in samples] == [0, 0, 1]
 
 
 def test_an_object_without_vertices_to_train_on_is_an_error(tiny):

@@ -38,7 +38,8 @@ def test_two_senses_tell_together_what_neither_tells_alone():
         inputs = torch.cat([first.inputs, second.inputs[order]], dim=1)
         return Labelled(inputs, first.labels * second.labels[order])
 
-    network = fit_classifier(pairs(256, 0), pairs(32, 2), 2, ASKED, seed=3, senses=(1, 1))
+    longer = ASKED.model_copy(update={"epochs": 8})
+    network = fit_classifier(pairs(256, 0), pairs(32, 2), 2, longer, seed=3, senses=(1, 1))
     test = pairs(100, 4)
     assert (answers(network, test.inputs)[1].argmax(dim=1) == test.labels).float().mean() > 0.9
     blind = test.inputs * torch.tensor([1.0, 0.0])[:, None, None]

@@ -1,0 +1,86 @@
+"""Touches as ObjectFolder 1.0 has them: at vertices of the surface, along their normals, all as deep."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from learning.meshes import Meshes
+from learning.runs import Objects, kept
+from learning.samples import Floats, Samples, Source, pressed, reachable_vertices, regions_of
+from learning.settings import Settings
+from objectfolder.errors import InputError
+from objectfolder.object_file import ObjectFile
+from objectfolder.products.provenance import seed_from
+
+AT_VERTICES = ("vertex", "vertex region")  # protocols
+Mask = NDArray[np.bool_]
+
+
+def touched_vertices(
+    objects: Objects | Meshes, name: str, settings: Settings, protocol: str, seed: int, split: str
+) -> Samples:
+    """Press at an object's vertices of a split.
+
+    Touches of meshes are kept, so that a run of a hundred that was stopped goes on with the next of them.
+
+    Parameters
+    ----------
+    protocol
+        ``"vertex"``: test vertices are any; ``"vertex region"``: they lie in regions without another split.
+
+    Raises
+    ------
+    InputError
+        No vertices are left to train on, or none to test on.
+    """
+    file: Source = objects.files[name]
+    depth_m, pixels = settings.touch_at_vertices.depth_m, settings.data.resolution.touch
+    if isinstance(file, ObjectFile):
+        places, held_out = _vertices(file, name, settings, seed)
+        return pressed(file, places[_rows(held_out, name, settings, protocol, split)], depth_m, pixels)
+    key = {
+        "unit": "touches", "object": name, "file": objects.digests[name], "seed": seed,
+        "count": _count(settings), "regions": settings.data.regions, "depth_m": depth_m, "pixels": pixels,
+        "sensor": settings.touch_at_vertices.sensor,
+    }  # fmt: skip
+    stored = kept(__name__, key, lambda: _all_touches(file, name, settings, seed))
+    rows = _rows(stored["held_out"], name, settings, protocol, split)
+    inputs = torch.from_numpy(stored["inputs"][rows])
+    return Samples(inputs, stored["places"][rows], stored["queries"][rows], float(stored["extent"]))
+
+
+def _count(settings: Settings) -> int:
+    return settings.data.test + settings.data.validation + settings.touch_at_vertices.training
+
+
+def _vertices(file: Source, name: str, settings: Settings, seed: int) -> tuple[Floats, Mask]:
+    """Return vertices (n, 3) that can be pressed, in random order, and which lie in held-out regions."""
+    order_seed = seed_from(seed, "touch vertex", name)
+    places = reachable_vertices(file, settings.touch_at_vertices.depth_m, order_seed, _count(settings))
+    _, tested = regions_of(file, "touch", settings.data.regions, seed_from(seed, "regions", name))
+    return places, tested(places)
+
+
+def _all_touches(file: Source, name: str, settings: Settings, seed: int) -> dict[str, NDArray[Any]]:
+    places, held_out = _vertices(file, name, settings, seed)
+    samples = pressed(file, places, settings.touch_at_vertices.depth_m, settings.data.resolution.touch)
+    return {
+        "inputs": samples.inputs.numpy(), "places": places, "queries": samples.queries,
+        "extent": np.array(samples.extent), "held_out": held_out,
+    }  # fmt: skip
+
+
+def _rows(held_out: Mask, name: str, settings: Settings, protocol: str, split: str) -> NDArray[np.int64]:
+    """Return the rows of a split: those of test come first, then those of validation, others train."""
+    data, rows = settings.data, np.arange(len(held_out))
+    tested = rows if protocol == "vertex" else rows[held_out]
+    test = tested[: data.test]
+    others = rows[data.test :] if protocol == "vertex" else rows[~held_out]
+    training = others[data.validation :]
+    if not len(training) or len(test) < data.test:
+        first = data.test + data.validation
+        finding = f"{len(rows)} vertices can be pressed, and {first} are for test and validation"
+        raise InputError(name, finding, "Leave it out")
+    return {"test": test, "validation": others[: data.validation], "training": training}[split]

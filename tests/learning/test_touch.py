@@ -1,0 +1,62 @@
+"""Touch of meshes without views and modes."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from learning import encoders, runs, touch
+from learning.meshes import Meshes
+from learning.settings import Sides
+from learning.workers import Here
+from objectfolder import example
+from objectfolder.errors import InputError
+
+SHAPES = {
+    "ball": trimesh.creation.icosphere(3, 0.03),
+    "can": trimesh.creation.cylinder(0.03, 0.08, sections=64).subdivide().subdivide(),
+    "cube": trimesh.creation.box((0.05, 0.05, 0.05)).subdivide().subdivide().subdivide().subdivide(),
+    "ring": trimesh.creation.torus(0.03, 0.008),
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, mesh in SHAPES.items():
+        (tmp_path / "meshes" / name).mkdir(parents=True)
+        mesh.export(tmp_path / "meshes" / name / "model.obj")
+    return tmp_path / "meshes"
+
+
+def test_a_mesh_is_touched_as_its_object_file(tmp_path):
+    mug = example("mug")
+    for name in "abcd":
+        (tmp_path / name).mkdir()
+        trimesh.Trimesh(mug.surface.vertices, mug.surface.faces, process=False).export(
+            tmp_path / name / "model.obj"
+        )
+    mesh = Meshes(tmp_path, "digit").files["a"]
+    points, _ = mug.sample_contacts(8)
+    of_mesh, of_file = (source.press(points, 1e-3).rgb.astype(float) for source in (mesh, mug))
+    contrast = of_file.std(axis=0).mean()
+    assert np.sqrt(np.square(of_mesh - of_file).mean()) < 0.1 * contrast
+
+
+@pytest.mark.release("learning")
+def test_shapes_are_told_by_touch_and_draws_are_kept(folder, tiny, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
+    monkeypatch.setattr(encoders, "LOGS", tmp_path / "logs")
+    at_vertices = tiny.touch_at_vertices.model_copy(update={"training": 80, "epochs": 5, "batch": 16})
+    data = tiny.data.model_copy(update={"resolution": Sides(vision=16, audio=16, touch=24)})
+    settings = tiny.model_copy(update={"touch_at_vertices": at_vertices, "data": data})
+    result = touch.evaluate(Meshes(folder, "digit-tacto"), settings, Here())
+    assert result["vertex"]["training_touches"] == [80, 80]
+    assert result["vertex"]["T"]["accuracy_percent"] > 50
+    several = result["vertex"]["several"]
+    assert several["1"]["accuracy_percent"] <= several["5"]["accuracy_percent"]
+    assert result["vertex region"]["nearest_training_place"] > result["vertex"]["nearest_training_place"]
+    assert capsys.readouterr().out.count("touches: object") == len(SHAPES)
+
+
+def test_a_folder_without_meshes_is_an_error(tmp_path):
+    with pytest.raises(InputError, match=r"0 folders with a model\.obj, fewer than 4"):
+        Meshes(tmp_path, "digit")
