@@ -158,14 +158,14 @@ class KnownLight:
         widths, everything = terms[:, 0].astype(np.float64), np.zeros((len(terms), 3))
         parts = []
         for sample in range(samples.max(initial=1)):
-            sampled = np.flatnonzero(samples > sample)
-            drawn = stepped((starts[0][sampled], starts[1][sampled]), sample)
-            towards = -points.direction[sampled]
+            rows = np.flatnonzero(samples > sample)
+            numbers = stepped((starts[0][rows], starts[1][rows]), sample)
+            towards = -points.direction[rows]
             direction, density = lobe_directions(
-                points.normal[sampled], facet[sampled], towards, widths[sampled], *drawn, LEAST_COSINE
+                points.normal[rows], facet[rows], towards, widths[rows], *numbers, LEAST_COSINE
             )
             above = density > 0
-            sent, density, direction = sampled[above], density[above], np.ascontiguousarray(direction[above])
+            sent, density, direction = rows[above], density[above], np.ascontiguousarray(direction[above])
             _, gloss = self._principled.reflected(points, terms, sent, direction)
             cosine = np.einsum("ij,ij->i", direction, points.normal[sent])
             share = gloss * (cosine / (samples[sent] * np.pi * density))[:, None]

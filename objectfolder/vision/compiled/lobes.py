@@ -72,9 +72,9 @@ def lobe_directions(
 
 
 @arrayless(kernel)
-def _lobe_directions(points, alpha2, drawn, least_cosine, answer):
+def _lobe_directions(points, alpha2, numbers, least_cosine, answer):
     """Write the answer of `lobe_directions`, which is 0 at first."""
-    (normal, facet, to_camera), (first, second), (direction, density) = points, drawn, answer
+    (normal, facet, to_camera), (first, second), (direction, density) = points, numbers, answer
     for i in range(len(normal)):
         square = alpha2[i]
         alpha = math.sqrt(square)
@@ -112,5 +112,5 @@ def _lobe_directions(points, alpha2, drawn, least_cosine, answer):
             continue
         direction[i, 0], direction[i, 1], direction[i, 2] = dx, dy, dz
         width = square * hz * hz + hx * hx + hy * hy
-        masked = vz + math.sqrt(square + (1.0 - square) * vz * vz)
-        density[i] = square / (math.pi * width * width) / (2.0 * masked)
+        masking = vz + math.sqrt(square + (1.0 - square) * vz * vz)
+        density[i] = square / (math.pi * width * width) / (2.0 * masking)
