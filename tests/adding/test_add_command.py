@@ -1,7 +1,6 @@
 """`objectfolder add`: one's own meshes into a table, refused with a remedy or whole."""
 
 import json
-import multiprocessing
 import os
 import re
 import shlex
@@ -25,6 +24,7 @@ from pipeline.dataset.records import row_of
 from pipeline.intake.add import addition
 from pipeline.intake.add.addition import AddRequest, check_object, put_object
 from pipeline.intake.add.table_rows import read_table
+from tests.clean_forks import CLEAN
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = REPOSITORY / "data" / "materials.csv"
@@ -237,9 +237,7 @@ def test_a_kill_leaves_no_row_without_its_files(tmp_path, step, replace):
     if replace:
         put_object(check_object(request_of(first)), table, replace=False)
     mesh = cup(tmp_path / "b" / "cup.stl", wall=0.005)
-    process = multiprocessing.get_context("fork").Process(
-        target=killed_before, args=(step, mesh, table, replace)
-    )
+    process = CLEAN.Process(target=killed_before, args=(step, mesh, table, replace))
     process.start()
     process.join()
     assert process.exitcode == -signal.SIGKILL
@@ -266,8 +264,7 @@ def put(mesh: Path, table: Path) -> None:
 def test_objects_added_at_the_same_time_are_all_there(tmp_path):
     table = tmp_path / "t.csv"
     meshes = [cup(tmp_path / f"cup{number}.stl", wall=0.003 + number / 1000) for number in range(4)]
-    context = multiprocessing.get_context("fork")
-    writers = [context.Process(target=put, args=(mesh, table)) for mesh in meshes]
+    writers = [CLEAN.Process(target=put, args=(mesh, table)) for mesh in meshes]
     for writer in writers:
         writer.start()
     for writer in writers:

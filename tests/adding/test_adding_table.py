@@ -2,7 +2,6 @@
 
 import csv
 import io
-import multiprocessing
 from pathlib import Path
 
 import pytest
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 
 from objectfolder.errors import InputError
 from pipeline.intake.add.table_rows import locked, read_table, with_row, write_table
+from tests.clean_forks import CLEAN
 
 ROW = {"id": "mug", "name": "A mug", "mesh": "mug/model.obj", "material": "ceramic", "licence": "CC0-1.0"}
 
@@ -114,8 +114,7 @@ def add_rows(path: Path, writer: int, count: int) -> None:
 
 def test_rows_added_at_the_same_time_are_all_there(tmp_path):
     path = tmp_path / "table.csv"
-    context = multiprocessing.get_context("fork")
-    writers = [context.Process(target=add_rows, args=(path, writer, 8)) for writer in range(4)]
+    writers = [CLEAN.Process(target=add_rows, args=(path, writer, 8)) for writer in range(4)]
     for writer in writers:
         writer.start()
     for writer in writers:
