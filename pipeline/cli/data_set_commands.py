@@ -82,10 +82,12 @@ def inputs(*, partitions: bool = False, root: Root = Path(".")) -> None:
     partitions
         those of each partition, and its table
     """
-    from pipeline.run.partitions import write_partition_inputs
-    from pipeline.run.source_digests import write_inputs
+    if partitions:
+        from pipeline.run.partitions import write_partition_inputs as write
+    else:
+        from pipeline.run.source_digests import write_inputs as write
 
-    (write_partition_inputs if partitions else write_inputs)(root.absolute())
+    write(root.absolute())
 
 
 def partition(

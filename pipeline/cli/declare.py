@@ -18,6 +18,7 @@ from pipeline.dataset.selection import SELECTION_FOLDER
 from pipeline.dataset.stage import Stage
 from pipeline.dataset.stages import STAGES
 from pipeline.run.code_digests import CODE, SENSOR
+from pipeline.run.record import receipt_path
 from pipeline.run.source_digests import INPUTS
 
 MADE_BY_ALL = "products"
@@ -44,7 +45,7 @@ def declared() -> dict[str, dict[str, Any]]:
     }
     recorded = {stage.name: _recorded(stage) for stage in stages}
     # After all stages, so that what is finished is recorded before the run ends with an error.
-    last = [str(FAILURES), *sorted(stage.products[0].folder for stage in stages), "reports/index.html"]
+    last = [str(FAILURES), *sorted(str(receipt_path(stage.name)) for stage in stages), "reports/index.html"]
     failures = {"cmd": "exec python -m pipeline.cli failures --retry", "deps": last}
     return {MADE_BY_ALL: products, **recorded, "failures": failures}
 
@@ -54,7 +55,10 @@ def _recorded(stage: Stage) -> dict[str, Any]:
     return {
         "cmd": f"exec python -m pipeline.run.record {stage.name}",
         "params": [{str(MANIFEST): [f"stages.{stage.name}"]}],
-        "outs": [{kind.folder: {"persist": True}} for kind in stage.products],
+        "outs": [
+            *({kind.folder: {"persist": True}} for kind in stage.products),
+            str(receipt_path(stage.name)),
+        ],
     }
 
 

@@ -112,8 +112,10 @@ def forget(root: Path, tasks: Collection[tuple[str, str]]) -> None:
     one did not end.
     """
     if (root / PRODUCTS).is_file():
-        entries = read_products(root).values()
-        _write_entries(root, (entry for entry in entries if (entry.stage, entry.object) not in tasks))
+        with (root / PRODUCTS).open(encoding="utf-8", newline="") as file:
+            header, *lines = csv.reader(file)
+        place = [header.index(name) for name in ("stage", "object")]
+        _write_lines(root, header, (line for line in lines if tuple(line[i] for i in place) not in tasks))
 
 
 def is_listed(root: Path, stage: Stage, entries: Mapping[str, Entry], verified: Verified) -> bool:
@@ -146,10 +148,15 @@ def _summary(entries: Sequence[Entry]) -> dict[str, str | int]:
 
 
 def _write_entries(root: Path, entries: Iterable[Entry]) -> None:
+    lines = (vars(entry).values() for entry in sorted(entries, key=_order))
+    _write_lines(root, [field.name for field in fields(Entry)], lines)
+
+
+def _write_lines(root: Path, header: Sequence[str], lines: Iterable[Iterable[object]]) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(field.name for field in fields(Entry))
-    writer.writerows(vars(entry).values() for entry in sorted(entries, key=_order))
+    writer.writerow(header)
+    writer.writerows(lines)
     write_whole(root / PRODUCTS, text.getvalue())
 
 

@@ -4,15 +4,17 @@ import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from objectfolder.errors import FormatError, InputError
 from objectfolder.products.provenance import package_versions, seed_from
-from pipeline.dataset.parameters import Parameters
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.task import Request
 from pipeline.dataset.tolerances import Tolerance
 from pipeline.dataset.verified import FINGERPRINT, Verified
+
+if TYPE_CHECKING:  # it takes half of the time in which a process that draws one page starts
+    from pipeline.dataset.parameters import Parameters
 
 Row = Mapping[str, Any]
 
@@ -126,7 +128,7 @@ class Stage:
         return tuple(kind.path(root, object_id) for kind in self.products)
 
     def prepare(
-        self, root: Path, parameters: Parameters, object_id: str, row: Row, verified: Verified
+        self, root: Path, parameters: "Parameters", object_id: str, row: Row, verified: Verified
     ) -> Prepared:
         """Return what the task of an object gets, and what its products are made from.
 

@@ -3,10 +3,11 @@
 With them ``dvc.yaml`` knows by object what changed, wherever the meshes lie.
 """
 
+import itertools
 import json
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from pipeline.dataset.stages import STAGES
 from pipeline.dataset.verified import Verified
 
 INPUTS = Path("data/inputs.json")
+BATCH = 64  # rows that a thread takes at once: handing one over takes longer than to see that it is known
 
 
 def write_inputs(root: Path) -> None:
@@ -36,9 +38,10 @@ def write_inputs(root: Path) -> None:
     stages = [stage for stage in STAGES.values() if stage.sources]
     with ThreadPoolExecutor() as pool:  # files are hashed outside Python's lock
         lists = pool.map(
-            lambda row: [_digest(stage, row, verified) for stage in stages], records.rows.values()
+            lambda rows: [[_digest(stage, row, verified) for stage in stages] for row in rows],
+            _batches(list(records.rows.values())),
         )
-        digests = dict(zip(records.rows, lists, strict=True))
+        digests = dict(zip(records.rows, itertools.chain.from_iterable(lists), strict=True))
     verified.save()
     write_records(root, records)
     write_whole(root / INPUTS, json.dumps(digests, indent=1) + "\n")
@@ -50,6 +53,10 @@ def write_inputs(root: Path) -> None:
             "outside it. `dvc repro` does not see when they change. Set it to the folder of all meshes.",
             file=sys.stderr,
         )
+
+
+def _batches(rows: Sequence[Row]) -> Iterator[Sequence[Row]]:
+    return (rows[start : start + BATCH] for start in range(0, len(rows), BATCH))
 
 
 def _absolute(paths: Iterable[Path]) -> Iterable[Path]:

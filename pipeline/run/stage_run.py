@@ -23,6 +23,7 @@ from pipeline.run.converge import Summary, converge
 from pipeline.run.damage import set_changed_aside, set_damaged_aside
 from pipeline.run.exclusive import exclusive
 from pipeline.run.partitions import require_whole
+from pipeline.run.record import write_receipt
 from pipeline.store.product_cache import ProductCache
 
 NAMED = 8  # objects that a message names
@@ -47,14 +48,15 @@ def make_products(root: Path, place: str | None = None) -> StageRun:
 
 
 def record_stage(root: Path, name: str, place: str | None = None) -> StageRun:
-    """Find the products of a stage as the manifest lists them; converge all stages where they are not."""
+    """Find the products of a stage as the manifest lists them, else converge all stages; write a receipt."""
     with exclusive(root, f"record of stage {name}"):
         verified = Verified(root)
         recorded = is_listed(root, STAGES[name], read_products(root), verified)
         verified.save()
-        if recorded:
-            return StageRun(stages=(), exit_code=0, notes=())
-        return _converge(root, list(STAGES), place)
+        run = StageRun(stages=(), exit_code=0, notes=()) if recorded else _converge(root, list(STAGES), place)
+        if run.exit_code == 0:
+            write_receipt(root, name)
+        return run
 
 
 def make_stage(root: Path, name: str, place: str | None = None) -> StageRun:

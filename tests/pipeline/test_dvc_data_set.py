@@ -151,7 +151,7 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     launder(TOUCHES.path(root, FIRST))
     COLLISION.path(root, FIRST).write_bytes(b"damaged")
     VIEWS.path(root, THIRD).unlink()
-    assert repository.status() == ["collision", "failures", "touches", "views"]
+    assert repository.status() == ["collision", "touches", "views"]
     assert repository.repro() == []  # DVC's cache has them
     said = capfd.readouterr().err
     assert f"data/touches/{FIRST}.zarr.zip: changed since it was made" in said
