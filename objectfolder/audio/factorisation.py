@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Values = NDArray[Any]  # float64 or complex128
 Integers = NDArray[np.int64] | NDArray[np.int32]
 SOLVER = "PARDISO" if importlib.util.find_spec("pypardiso") else "SuperLU"
-POSITIVE_DEFINITE, HERMITIAN_DEFINITE, INDEFINITE = 2, 4, -2
+POSITIVE_DEFINITE, HERMITIAN_DEFINITE, INDEFINITE, HERMITIAN_INDEFINITE = 2, 4, -2, -4
 # Largest relative backward error of a solution at which the signs of pivots count eigenvalues: 1e5 roundings.
 MOST_BACKWARD_ERROR = 1e-11
 SEQUENTIAL = 1
@@ -40,8 +40,9 @@ Matrix = sparse.csr_matrix | sparse.bsr_matrix
 class Factorisation:
     """Factors of a sparse matrix, real symmetric or complex Hermitian in blocks.
 
-    Of an indefinite one of the latter those of its real form, twice as large, which has each eigenvalue
-    twice: PARDISO does not count the negative ones of a complex matrix.
+    Of an indefinite one of the latter PARDISO counts the negative pivots only where it stays on the diagonal.
+    Where entries grow too much there, the factors are those of its real form, twice as large, which has each
+    eigenvalue twice.
     """
 
     def __init__(
@@ -69,19 +70,29 @@ class Factorisation:
         """
         self._solver, self._most_bytes = solver, most_bytes
         self._upper = _upper_triangle(matrix)
-        is_complex = np.iscomplexobj(matrix.data)
-        self._real_block = matrix.data.shape[-1] if is_complex and not definite else 0
-        if self._real_block:
-            self._upper = _real_form(self._upper)
-        try:
+        self._real_block = 0
+        self._factorise(definite)
+        if not definite and np.iscomplexobj(matrix.data) and not self._is_sound():
             if solver == "PARDISO":
-                kind = HERMITIAN_DEFINITE if is_complex else POSITIVE_DEFINITE
-                self._pardiso(kind if definite else INDEFINITE)
+                self._release()
+            self._real_block = matrix.data.shape[-1]
+            self._upper = _real_form(self._upper)
+            self._factorise(definite)
+
+    def _factorise(self, definite: bool) -> None:
+        try:
+            if self._solver == "PARDISO":
+                kinds = (INDEFINITE, POSITIVE_DEFINITE)
+                if np.iscomplexobj(self._upper.data):
+                    kinds = (HERMITIAN_INDEFINITE, HERMITIAN_DEFINITE)
+                self._pardiso(kinds[definite])
             else:
                 self._super_lu(definite)
         except (RuntimeError, ArithmeticError) as error:
             raise SimulationError(
-                "factorisation", f"{solver} of {self._upper.shape[0]} unknowns: {error}", "Check the mesh."
+                "factorisation",
+                f"{self._solver} of {self._upper.shape[0]} unknowns: {error}",
+                "Check the mesh.",
             ) from error
 
     def _pardiso(self, kind: int) -> None:
@@ -92,7 +103,8 @@ class Factorisation:
         self._factors: Any = PyPardisoSolver(mtype=kind)
         # One thread: the same bytes each time, and no second OpenMP beside that of PyTorch.
         self._factors.libmkl.MKL_Set_Threading_Layer(ctypes.c_int(SEQUENTIAL))
-        for parameter, value in ((1, 1), (2, 2), (10, 8), (21, 1)):
+        interchange = int(kind != HERMITIAN_INDEFINITE)
+        for parameter, value in ((1, 1), (2, 2), (10, 8), (21, interchange)):
             self._factors.set_iparm(parameter, value)
         self._release = weakref.finalize(self, self._factors.free_memory, everything=True)
         # One-based where it is not set, which costs a copy of all indices in each call.
@@ -104,7 +116,7 @@ class Factorisation:
         self._refuse_large()
         self._call(FACTORISE, nothing)
         self._perturbed = int(self._factors.get_iparm(14))
-        if kind != INDEFINITE:
+        if kind in (POSITIVE_DEFINITE, HERMITIAN_DEFINITE):
             self._forget_matrix()
 
     def _call(self, phase: int, right: Values) -> Values:
@@ -211,14 +223,14 @@ class Factorisation:
         size = self._upper.shape[0]
         right = np.random.default_rng(0).standard_normal((size, 1))
         solution = self._solve(right)
-        sums, wrong = np.zeros(size), -right
+        sums, wrong = np.zeros(size), -right.astype(self._upper.dtype)
         for rows, upper in self._rows():
             diagonal = upper.diagonal(rows.start)
             entries = abs(upper)  # of some rows: a copy of all would be much of the memory
             sums[rows] += entries.sum(axis=1).A1 - np.abs(diagonal)
             sums += entries.sum(axis=0).A1
             wrong[rows] += upper @ solution - diagonal[:, None] * solution[rows]
-            wrong += upper.T @ solution[rows]
+            wrong += upper.conj().T @ solution[rows]
         scale = sums.max() * np.linalg.norm(solution) + np.linalg.norm(right)
         return float(np.linalg.norm(wrong) / scale)
 
@@ -249,17 +261,21 @@ class Factorisation:
             When a pivot vanished, or the backward error is above `MOST_BACKWARD_ERROR`: the signs prove
             nothing.
         """
-        if self._solver == "PARDISO":
-            vanished, count = self._perturbed > 0, int(self._factors.get_iparm(23))
-        else:
-            vanished = self._interchanged()
-            count = int(np.count_nonzero(self._factors.U.diagonal() < 0))
-        if vanished or not self.backward_error() <= MOST_BACKWARD_ERROR:
+        if not self._is_sound():
             raise SimulationError(
                 "count of modes", "a pivot nearly vanished", "Move the frequency limit off an eigenfrequency."
             )
+        if self._solver == "PARDISO":
+            count = int(self._factors.get_iparm(23))
+        else:
+            count = int(np.count_nonzero(self._factors.U.diagonal().real < 0))
         self._forget_matrix()
         return count // 2 if self._real_block else count
+
+    def _is_sound(self) -> bool:
+        """Whether the signs of the pivots count eigenvalues."""
+        vanished = self._perturbed > 0 if self._solver == "PARDISO" else self._interchanged()
+        return not vanished and self.backward_error() <= MOST_BACKWARD_ERROR
 
 
 def shifted(stiffness: sparse.bsr_matrix, mass: sparse.csr_matrix, value: float) -> sparse.bsr_matrix:
