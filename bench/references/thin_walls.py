@@ -54,7 +54,8 @@ def teacup() -> Body:
 
 def cymbal() -> Body:
     """Bronze-like iron, 1.2 mm throughout: a dome within a flat bow, 180 mm wide."""
-    return _body("cymbal", "iron", ((0.006, 0), (0.022, 40), (0.012, -30), (0.055, -6)), (0.0012, 0.0012, 0.04))
+    pieces = ((0.006, 0), (0.022, 40), (0.012, -30), (0.055, -6))
+    return _body("cymbal", "iron", pieces, (0.0012, 0.0012, 0.04))
 
 
 BODIES: dict[str, Callable[[], Body]] = {

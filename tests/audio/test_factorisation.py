@@ -97,3 +97,29 @@ def test_solutions_need_no_entries_of_the_matrix() -> None:
     if SOLVER == "PARDISO":
         with pytest.raises(ValueError, match="gone"):
             factors.backward_error()
+
+
+def hermitian(shift: float, size: int = 20) -> sparse.bsr_matrix:
+    """In blocks of 3, with eigenvalues on both sides of zero."""
+    generator = np.random.default_rng(5)
+    part = np.kron(sparse.random(size, size, 0.15, random_state=generator).toarray() != 0, np.ones((3, 3)))
+    part = part * (generator.standard_normal(part.shape) + 1j * generator.standard_normal(part.shape))
+    return sparse.bsr_matrix(part @ part.conj().T - shift * np.eye(3 * size), blocksize=(3, 3))
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("shift", [0.3, 7.0])
+def test_complex_factors_count_and_solve(solver: str, shift: float) -> None:
+    matrix = hermitian(shift)
+    right = np.random.default_rng(6).standard_normal((60, 2)) * (1 + 0.5j)
+    factors = Factorisation(matrix, definite=False, solver=solver)
+    np.testing.assert_allclose(factors.solve(right), np.linalg.solve(matrix.toarray(), right), rtol=1e-6)
+    assert factors.negative() == np.count_nonzero(np.linalg.eigvalsh(matrix.toarray()) < 0) > 0
+
+
+def test_complex_entries_that_grow_on_the_diagonal_are_counted_in_the_real_form() -> None:
+    """A pivot of 1e-18, which PARDISO leaves on the diagonal of a complex matrix only."""
+    matrix = hermitian(0.3).toarray()
+    matrix[0, 0] = 1e-18
+    counted = Factorisation(sparse.bsr_matrix(matrix, blocksize=(3, 3)), definite=False).negative()
+    assert counted == np.count_nonzero(np.linalg.eigvalsh(matrix) < 0)

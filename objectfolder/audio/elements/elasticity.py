@@ -25,7 +25,7 @@ Values = NDArray[Any]  # float64 or complex128
 Integers = NDArray[np.int64]
 # Values at once in the dense part of an assembly, and kept for the next use of the same elements.
 CHUNK_VALUES = 12_000_000
-KEPT_VALUES = 40_000_000
+STORED_VALUES = 40_000_000
 # Bent elements of order 2 are integrated as those of order 3: their integrand is rational.
 LEAST_QUADRATURE_ORDER = 3
 
@@ -108,11 +108,11 @@ def element_stiffness(cross: Floats, poisson_ratio: float) -> Floats:
 
 
 @dataclass
-class KeptMatrices:
+class MatrixStore:
     """Blocks and masses of elements by the first of each group, and how many values more may be kept."""
 
     matrices: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
-    room: int = KEPT_VALUES
+    room: int = STORED_VALUES
 
 
 class ElementMatrices:
@@ -126,22 +126,22 @@ class ElementMatrices:
 
     def __init__(self, space: Space, poisson_ratio: float) -> None:
         self.space, self.poisson_ratio = space, poisson_ratio
-        self._kept = KeptMatrices()
+        self._store = MatrixStore()
         if isinstance(space, SectorSpace):
-            self._kept = space.sectors.kept.setdefault((space.order, poisson_ratio), self._kept)
+            self._store = space.sectors.integrals.setdefault((space.order, poisson_ratio), self._store)
 
     def __iter__(self) -> Iterator[tuple[Integers, Floats, Floats]]:
         for elements in chunks(self.space):
             name = int(elements[0])
-            if name in self._kept.matrices:
-                blocks, masses = self._kept.matrices.pop(name)
-                self._kept.room += blocks.size
+            if name in self._store.matrices:
+                blocks, masses = self._store.matrices.pop(name)
+                self._store.room += blocks.size
             else:
                 cross, masses = element_integrals(self.space, elements)
                 blocks = element_stiffness(cross, self.poisson_ratio)
-            if blocks.size <= self._kept.room:
-                self._kept.room -= blocks.size
-                self._kept.matrices[name] = blocks, masses
+            if blocks.size <= self._store.room:
+                self._store.room -= blocks.size
+                self._store.matrices[name] = blocks, masses
             yield elements, blocks, masses
 
 
@@ -225,8 +225,8 @@ def _restricted(
     both = free[rows][:, :, None] & free[stiffness.indices][:, None, :]
     for matrix in (stiffness, mass):
         matrix.data[~both] = 0.0
-    held = ~free[rows] & (rows == stiffness.indices)[:, None]
-    entry, component = np.nonzero(held)
+    constraints = ~free[rows] & (rows == stiffness.indices)[:, None]
+    entry, component = np.nonzero(constraints)
     stiffness.data[entry, component, component] = 1.0
     weights = mass.tocsr()
     weights.eliminate_zeros()
@@ -298,10 +298,10 @@ def gains_of_more_functions(
     residuals = residual[candidates].reshape(-1, 3, modes)
     diagonals = diagonal[candidates].reshape(-1, 3, 3)
     if sector is not None:
-        held = ~sector.free[candidates]
-        residuals[held] = 0.0
-        diagonals[held[:, :, None] | held[:, None, :]] = 0.0
-        diagonals[:, range(3), range(3)] += held
+        constraints = ~sector.free[candidates]
+        residuals[constraints] = 0.0
+        diagonals[constraints[:, :, None] | constraints[:, None, :]] = 0.0
+        diagonals[:, range(3), range(3)] += constraints
     result[candidates] = np.sum(residuals.conj() * np.linalg.solve(diagonals, residuals), axis=1).real
     return result
 

@@ -42,7 +42,7 @@ class Sectors:
     shift : (function,) turns from the representative to the function, 0 .. m - 1
     representatives : (g,) functions of the whole, by ascending order
     on_axis : (g,) bool, functions that are their own images
-    kept : integrals over elements by order and Poisson's ratio, the same for all waves
+    integrals : of elements by order and Poisson's ratio, the same for all waves
     """
 
     whole: Space
@@ -54,7 +54,7 @@ class Sectors:
     shift: Integers
     representatives: Integers
     on_axis: NDArray[np.bool_]
-    kept: dict[tuple[int, float], Any] = field(default_factory=dict)
+    integrals: dict[tuple[int, float], Any] = field(default_factory=dict)
 
     @property
     def waves(self) -> range:
@@ -217,12 +217,12 @@ class SectorSpace(Space):
         whole, elements = sectors.whole, sectors.elements
         numbers = whole.numbers[elements]
         image = sectors.image[numbers]
-        basis, kept = sectors.axial_basis(wave)
+        basis, components = sectors.axial_basis(wave)
         frames = sectors.turns(wave)[sectors.shift[numbers]]
         frames = frames.astype(np.result_type(frames, basis))
         frames[sectors.on_axis[image]] = basis
         free = np.ones((len(sectors.representatives), 3), dtype=bool)
-        free[sectors.on_axis] = kept
+        free[sectors.on_axis] = components
         vertex_count = int(np.searchsorted(sectors.representatives, whole.vertex_count))
         geometry, shapes = whole.geometry[sectors.representatives], whole.geometry[numbers]
         geometry[:vertex_count] -= sectors.point
@@ -268,13 +268,13 @@ class SectorSpace(Space):
         Given are those of displacements, blocks alike and masses (t, functions, functions) of one axis.
         """
         frames = self.frames[elements]
-        left = frames.conj().swapaxes(-1, -2)[:, :, None]
-        return left @ blocks @ frames[:, None], masses[..., None, None] * (left @ frames[:, None])
+        adjoint = frames.conj().swapaxes(-1, -2)[:, :, None]
+        return adjoint @ blocks @ frames[:, None], masses[..., None, None] * (adjoint @ frames[:, None])
 
     def rigid_motions(self) -> Values:
         """Rigid motions that a wave has, coefficients (function, 3, r): two each of the waves 0 and 1."""
-        basis, kept = self.sectors.axial_basis(self.wave)
-        directions = basis[:, kept].T
+        basis, components = self.sectors.axial_basis(self.wave)
+        directions = basis[:, components].T
         centred = np.array(self.geometry, dtype=directions.dtype)
         height = self.geometry[: self.vertex_count] @ self.sectors.axis
         centred[: self.vertex_count] -= height.mean() * self.sectors.axis

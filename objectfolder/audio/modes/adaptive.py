@@ -102,7 +102,7 @@ class Choice:
     pairs : the last of them in the chosen functions, some beyond those wanted; None where nothing was solved
     leading : (l,) the modes that functions were weighed for last, ascending
     foretold : (l,) their relative gains by the functions added last, each for itself
-    left_cents : (l,) their estimated gain by the functions that were weighed and left out
+    omission_cents : (l,) their estimated gain by the functions that were weighed and left out
     together : what functions gained together over the sum of what each was to gain alone
     """
 
@@ -114,7 +114,7 @@ class Choice:
     pairs: Eigenpairs | None = None
     leading: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     foretold: Floats = field(default_factory=lambda: np.zeros(0))
-    left_cents: Floats = field(default_factory=lambda: np.zeros(0))
+    omission_cents: Floats = field(default_factory=lambda: np.zeros(0))
     together: float = GROUP_GAIN_RATIO
 
 
@@ -306,8 +306,8 @@ def _enriched(choice: Choice, space: Space, goal: Goal) -> Choice:
         allowed = SHARE_LEFT * goal.accuracy_cents / cents
         additions = most_useful(upper.space, gains[:, heard], used, allowed, room)
     foretold = gains[additions].sum(axis=0)
-    omitted_cents = cents * (gains.sum(axis=0) - foretold)
-    choice = replace(choice, leading=leading, foretold=foretold, left_cents=omitted_cents)
+    omission_cents = cents * (gains.sum(axis=0) - foretold)
+    choice = replace(choice, leading=leading, foretold=foretold, omission_cents=omission_cents)
     if len(additions) == 0:
         return choice
     used[additions] = True
@@ -372,14 +372,14 @@ def remaining_cents(choice: Choice, eta_squared: Floats) -> Floats:
     modes = np.arange(min(len(choice.ladder[-1]), len(eta_squared)))
     if len(modes) == 0:
         return np.zeros(0)
-    omitted_cents = np.zeros(len(modes))
+    omission_cents = np.zeros(len(modes))
     if len(choice.leading):
         above = np.minimum(np.searchsorted(choice.leading, modes), len(choice.leading) - 1)
         below = np.maximum(np.searchsorted(choice.leading, modes, side="right") - 1, 0)
-        omitted_cents = np.maximum(choice.left_cents[above], choice.left_cents[below])
+        omission_cents = np.maximum(choice.omission_cents[above], choice.omission_cents[below])
     drops = np.maximum(choice.ladder[-1][modes] / eta_squared[modes] - 1, 0)
     to_come = what_is_to_come(CENTS_PER_RELATIVE_EIGENVALUE * drops, GEOMETRY_ORDER + len(choice.ladder))
-    likely = np.maximum(omitted_cents, to_come)
+    likely = np.maximum(omission_cents, to_come)
     cents = np.full(len(eta_squared), likely.max())
     cents[modes] = likely
     return cents

@@ -163,8 +163,8 @@ def _filled(choice: Choice, highest: int, goal: Goal) -> Choice:
     if size > goal.most_functions(choice.pairs.vectors.shape[1]):
         return choice
     pairs = Eigenpairs(choice.pairs.values, widened(choice.pairs.vectors, choice.chosen))
-    left = np.zeros_like(choice.left_cents)
-    return replace(choice, chosen=np.ones(size, dtype=bool), pairs=pairs, left_cents=left)
+    nothing = np.zeros_like(choice.omission_cents)
+    return replace(choice, chosen=np.ones(size, dtype=bool), pairs=pairs, omission_cents=nothing)
 
 
 def _together(
@@ -186,12 +186,12 @@ def _together(
     beyond = np.sort(each([wave.beyond for wave in waves]))
     band = Band(below, goal.max_modes, CUT_CHOICES, True, goal.seed)
     count, limit = band.cut(np.concatenate([values[order], beyond]))
-    kept = order[:count]
+    lowest = order[:count]
     highest = max(wave.choice.order for wave in waves)
     whole = sectors.whole.up_to(max(highest, GEOMETRY_ORDER))
     vectors = np.zeros((whole.size, 3, count))
     place = np.full(len(values), -1)
-    place[kept] = np.arange(count)
+    place[lowest] = np.arange(count)
     start = 0
     for wave, times in zip(waves, many, strict=True):
         columns = place[start : start + times * len(wave.pairs.values)]
@@ -201,9 +201,9 @@ def _together(
     rigid = sum(times * wave.rigid for wave, times in zip(waves, many, strict=True))
     return Spectrum(
         whole,
-        values[kept],
+        values[lowest],
         vectors,
-        each([wave.residuals for wave in waves])[kept],
+        each([wave.residuals for wave in waves])[lowest],
         limit,
         {
             "method": f"negative pivots of K - limit M (Sylvester), {SOLVER}, for each wave around the axis",
@@ -215,7 +215,7 @@ def _together(
         max(wave.rigid_value for wave in waves),
         _volume(sectors, poisson_ratio),
         sectors.count * max(wave.unknowns for wave in waves),
-        each([wave.error_cents for wave in waves])[kept],
+        each([wave.error_cents for wave in waves])[lowest],
         np.concatenate([values[order[count:]], beyond]),
         _steps(sectors, waves),
         seconds,
