@@ -41,25 +41,8 @@ def flute() -> Body:
     return _body("flute", "glass", ((0.006, 0), (0.03, 84), (0.12, 4)), (0.001, 0.001, 0.04))
 
 
-def urn() -> Body:
-    """Glass, 4 mm at the foot and 1.2 mm at the lip: a belly and a neck, 120 mm high."""
-    pieces = ((0.025, 0), (0.02, 60), (0.05, 55), (0.05, -45))
-    return _body("urn", "glass", pieces, (0.004, 0.0012, 0.06))
-
-
-def teacup() -> Body:
-    """Ceramic, 1 mm throughout: 96 mm wide and 60 mm high."""
-    return _body("teacup", "ceramic", ((0.018, 0), (0.034, 83), (0.038, 0)), (0.001, 0.001, 0.04))
-
-
-def cymbal() -> Body:
-    """Bronze-like iron, 1.2 mm throughout: a dome within a flat bow, 180 mm wide."""
-    pieces = ((0.006, 0), (0.022, 40), (0.012, -30), (0.055, -6))
-    return _body("cymbal", "iron", pieces, (0.0012, 0.0012, 0.04))
-
-
 BODIES: dict[str, Callable[[], Body]] = {
-    body.__name__: body for body in (tulip, funnel, swan, beaker, shield, flute, urn, teacup, cymbal)
+    body.__name__: body for body in (tulip, funnel, swan, beaker, shield, flute)
 }
 
 
