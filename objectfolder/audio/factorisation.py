@@ -72,7 +72,9 @@ class Factorisation:
         self._upper = _upper_triangle(matrix)
         self._real_block = 0
         self._factorise(definite)
-        if not definite and np.iscomplexobj(matrix.data) and not self._is_sound():
+        is_to_count = not definite and np.iscomplexobj(matrix.data)
+        self._sound = is_to_count and self._is_sound()
+        if is_to_count and not self._sound:
             if solver == "PARDISO":
                 self._release()
             self._real_block = matrix.data.shape[-1]
@@ -261,7 +263,7 @@ class Factorisation:
             When a pivot vanished, or the backward error is above `MOST_BACKWARD_ERROR`: the signs prove
             nothing.
         """
-        if not self._is_sound():
+        if not (self._sound or self._is_sound()):
             raise SimulationError(
                 "count of modes", "a pivot nearly vanished", "Move the frequency limit off an eigenfrequency."
             )

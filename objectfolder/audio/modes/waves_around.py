@@ -88,8 +88,9 @@ def wave_spectrum(sectors: Sectors, poisson_ratio: float, goal: Goal) -> Spectru
     )
     component = np.zeros(len(sectors.representatives), dtype=np.int64)
     spaces = {wave: SectorSpace.of(sectors, wave) for wave in sectors.waves}
+    near = replace(share, below=NEAR_LIMIT * goal.below)
     firsts = {
-        wave: solved(first_choice(space, poisson_ratio, share), component, share)
+        wave: solved(first_choice(space, poisson_ratio, share), component, near)
         for wave, space in spaces.items()
     }
     share = replace(share, below=_limit(sectors, firsts, goal))
