@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from learning.encoders import Encoder, encoded
+from learning.encoders import Encoded, Encoder, encoded
 from learning.meshes import Meshes
 from learning.metrics import means_by_object, share_interval
-from learning.recognition import SEVERAL, accuracies, named_rightly, shares_of_several
+from learning.neighbours import with_neighbours
+from learning.recognition import SEVERAL, accuracies, shares_of_several
 from learning.settings import Settings
 from learning.workers import Workers
 
@@ -20,7 +22,7 @@ PROTOCOLS = ("vertex", "vertex region")
 
 
 def evaluate(meshes: Meshes, settings: Settings, workers: Workers) -> dict[str, Any]:
-    """Return accuracies of one touch and of several together, by protocol."""
+    """Return accuracies of one touch and of several, by protocol: of networks, and with neighbours."""
     units = [(protocol, seed) for protocol in PROTOCOLS for seed in settings.seeds]
     workers.gather([workers.submit(_trained, meshes, settings, *unit) for unit in units])
     result: dict[str, Any] = {
@@ -39,21 +41,29 @@ def _trained(meshes: Meshes, settings: Settings, protocol: str, seed: int) -> No
 
 def _row(encoders: Sequence[Encoder]) -> dict[str, Any]:
     counts = np.bincount(encoders[0].splits["training"].labels)
+    tests = [encoder.splits["test"] for encoder in encoders]
     return {
-        "T": accuracies([_shares(encoder) for encoder in encoders]),
-        "several": {str(count): _several(encoders, count) for count in SEVERAL},
+        **_recognised(tests),
+        "with_neighbours": _recognised([with_neighbours(encoder) for encoder in encoders]),
         "training_touches": [int(counts.min()), int(counts.max())],
         "nearest_training_place": float(np.mean([encoder.nearest_share for encoder in encoders])),
     }
 
 
-def _shares(encoder: Encoder) -> np.ndarray:
+def _recognised(tests: Sequence[Encoded]) -> dict[str, Any]:
+    return {
+        "T": accuracies([_shares(test) for test in tests]),
+        "several": {str(count): _several(tests, count) for count in SEVERAL},
+    }
+
+
+def _shares(test: Encoded) -> NDArray[np.float64]:
     """Return the share (objects,) of each object's test touches that are named rightly."""
-    right = named_rightly(encoder).astype(np.float64)
-    return np.array(list(means_by_object(right, encoder.splits["test"].labels).values()))
+    right = (test.log_probabilities.argmax(axis=1) == test.labels).astype(np.float64)
+    return np.array(list(means_by_object(right, test.labels).values()))
 
 
-def _several(encoders: Sequence[Encoder], count: int) -> dict[str, Any]:
-    shares = [shares_of_several(encoder.splits["test"], count, seed) for seed, encoder in enumerate(encoders)]
+def _several(tests: Sequence[Encoded], count: int) -> dict[str, Any]:
+    shares = [shares_of_several(test, count, seed) for seed, test in enumerate(tests)]
     low, high = share_interval(np.mean(shares, axis=0))
     return {"accuracy_percent": 100 * float(np.mean(shares)), "interval_percent": [100 * low, 100 * high]}

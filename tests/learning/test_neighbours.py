@@ -1,0 +1,33 @@
+"""Votes of the nearest training samples."""
+
+import numpy as np
+
+from learning.encoders import Encoded, Encoder
+from learning.neighbours import whitening, with_neighbours
+
+SPREAD = np.array([3.0, 0.3, 0.3, 1.0])
+
+
+def split_of(random, labels, centres):
+    features = centres[labels] + SPREAD * random.normal(size=(len(labels), 4))
+    logs = np.log(np.full((len(labels), 2), 0.5, dtype=np.float32))
+    return Encoded(features.astype(np.float32), logs, labels, features.astype(np.float32))
+
+
+def test_features_are_white_within_objects_and_neighbours_tell_what_the_network_does_not():
+    random, centres = np.random.default_rng(0), np.zeros((2, 4))
+    centres[1, 1] = 3.0  # no more than the first feature's spread, ten deviations of its own
+    splits = {
+        name: split_of(random, np.repeat([0, 1], count), centres)
+        for name, count in (("training", 400), ("validation", 5), ("test", 50))
+    }
+    features, labels = splits["training"].features @ whitening(splits["training"]), splits["training"].labels
+    within = features - np.stack([features[labels == label].mean(axis=0) for label in (0, 1)])[labels]
+    np.testing.assert_allclose(within.T @ within / len(within), np.eye(4), atol=0.05)
+    told = with_neighbours(Encoder(splits, 0.0))
+    assert (told.log_probabilities.argmax(axis=1) == told.labels).all()
+    # What a network is sure of outweighs them.
+    sure = splits["test"].log_probabilities - 100 * np.eye(2, dtype=np.float32)[splits["test"].labels]
+    splits["test"] = Encoded(*(splits["test"].features, sure, splits["test"].labels, splits["test"].features))
+    told = with_neighbours(Encoder(splits, 0.0))
+    assert (told.log_probabilities.argmax(axis=1) != told.labels).all()
