@@ -1,6 +1,8 @@
 """VisionNet on ten hard scans at the defaults: thin wires, sharp spikes, many parts, iron that lights itself.
 
-    python -m bench.senses.hard_scans --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
+    python -m bench.senses.hard_scans --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...] [--learned]
+
+Their sight is computed from their material, or learned.
 
 Views, networks and rows are kept in FOLDER and not made again; the result is of the rows at hand.
 """
@@ -87,10 +89,12 @@ def main() -> None:
     """Measure the objects asked for."""
     parser = scan_arguments(__doc__, "views, networks and rows")
     parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS, metavar="ID")
+    parser.add_argument("--learned", action="store_true", help="by a network of 100 views")
     given = parser.parse_args()
-    scans, rows = HardScans(given.objects), given.folder / "rows"
+    case, record = ("within_120", "hard_scans") if given.learned else ("known", "hard_scans_known")
+    scans, rows = HardScans(given.objects), given.folder / "rows" / case
     for name in given.only:
-        kept(rows / f"{name}.json", partial(measured, scans, name, given.folder))
+        kept(rows / f"{name}.json", partial(measured, scans, name, given.folder, case))
     found = {name: kept(path, dict) for name in OBJECTS if (path := rows / f"{name}.json").exists()}
     foreground = [row["psnr_foreground_db"] for row in found.values()]
     summary = {
@@ -102,12 +106,12 @@ def main() -> None:
         "held_out": f"{HELD_OUT_VIEWS} views at {HELD_OUT_SAMPLES} samples",
         "materials": {name: scans.material(name).name for name in found},
     }
-    conclude("hard_scans", {"summary": summary, "objects": found}, settings, COMPARED)
+    conclude(record, {"summary": summary, "objects": found}, settings, COMPARED)
 
 
-def measured(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
+def measured(scans: Scans, name: str, folder: Path, case: str) -> dict[str, Any]:
     """Return one object's row."""
-    return Subject(scans, name, folder).answer("within_120")
+    return Subject(scans, name, folder).answer(case)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from objectfolder.vision.truth.cycles_process import render_in_children
 from objectfolder.vision.truth.render_request import Shots, unit_scene
 from objectfolder.vision.truth.views import simulate_views
 from objectfolder.vision.visionnet.fitting import fit_visionnet
+from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 # Seven materials; metals: mug, spoon, bell, scissors, hammer; gloss: teapot, marble; thin: spoon, scissors;
@@ -114,6 +115,8 @@ NETWORKS = {
     "gloss": Case(roughness=0.1, metallic=1.0),
     "glaze": Case(roughness=0.1, metallic=0.0),
 }
+# Sight that is computed asks no training views; `simulate_views` makes one at least.
+KNOWN = Case(views=1, fit={"material": "known"})
 CASES = ("within_120", "finer", "lights", "metal", "gloss", "glaze", "within_600")
 
 
@@ -173,6 +176,11 @@ def settings(materials: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
+def case_of(name: str) -> Case:
+    """Return a case by its name."""
+    return KNOWN if name == "known" else NETWORKS[name]
+
+
 class Subject:
     """One object: its mesh, the surface as its file stores it, and what is kept of it in a folder."""
 
@@ -194,7 +202,7 @@ class Subject:
             return self.asked(net, self.other_views("sphere", 2 * RESOLUTION))
         net, costs = self.network(case)
         views, _ = self.views(case)
-        if NETWORKS[case].shiny:
+        if case_of(case).shiny:
             views = self.with_truth(case, views)
         trivial = {"mean_colour": means(views, trivial_answer(views))}
         if "albedo" in views.arrays:
@@ -226,7 +234,7 @@ class Subject:
 
     def views(self, case: str) -> tuple[Product, float]:
         """Return training and held-out views, and the CPU seconds of the training views."""
-        network = NETWORKS[case]
+        network = case_of(case)
         path = self.folder / "views" / f"{self.name}-{case}.zarr.zip"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -251,7 +259,11 @@ class Subject:
             path.parent.mkdir(parents=True, exist_ok=True)
             views, rendering = self.views(case)
             start = cpu_seconds()
-            net = fit_visionnet(self.surface, self.frame, views, seed=0, **NETWORKS[case].fit)
+            maps = None
+            if case_of(case) is KNOWN:
+                look = KNOWN.appearance(self.material)
+                maps = sample_maps(stored_mesh(self.mesh, self.surface), self.frame, look, "known")
+            net = fit_visionnet(self.surface, self.frame, views, maps=maps, seed=0, **case_of(case).fit)
             fitting = cpu_seconds() - start
             costs = {
                 "render_cpu_s": rendering,
