@@ -2,8 +2,8 @@
 
 Tests of their rooms run `ask.md`, `extending.md`, `data-sets.md`, `storage.md`, `audit.md`, `sources.md`,
 `objects.md` and, but for the data set that it makes, `make.md`. `view`, `demo` and `play` without a video
-serve a page, which the tests of pages open. Left out: `batch.md`, which needs a GPU; hosts of `cluster.md`,
-whose schedulers `tests/pipeline` stands up on one machine; `learning.md`, whose tasks train on a data set.
+serve a page, which the tests of pages open. `tests/learning` runs the tasks of `learning.md`, smaller, and
+`tests/pipeline` the schedulers of `cluster.md`, on one machine. `batch.md` runs on a processor, not a GPU.
 """
 
 import re
@@ -86,3 +86,33 @@ def test_the_page_of_live_scenes_runs(folder: Path) -> None:
     assert names["felt"].normal_n == pytest.approx(4.0, rel=0.2)
     assert np.shape(names["image"]) == names["felt"].image.rgb.shape
     assert set(names["observation"]) == {"image", "audio", "touch", "proprioception"}
+
+
+@pytest.mark.release("docs", "objectfolder.batch")
+@pytest.mark.usefixtures("folder")
+def test_the_page_of_batches_runs() -> None:
+    mug = objectfolder.example("mug")
+    points, normals = mug.sample_contacts(3, seed=0)
+    poses = mug.press(points, depth_m=0.001).sensor_to_object
+    cameras, lights = mug.sample_views(3, seed=0)
+    turn = np.tile(np.eye(3), (16, 1, 1))
+    names: dict[str, Any] = {
+        "points": points,
+        "sensor_to_object": poses,
+        "impulses_n_s": -normals,
+        "cameras": cameras,
+        "lights": lights,
+        "finger_position": np.resize(poses[:, :3, 3], (16, 3)),
+        "finger_rotation": np.resize(poses[:, :3, :3], (16, 3, 3)),
+        "object_position": np.zeros((16, 3)),
+        "object_rotation": turn,
+    }
+    for block in blocks("batch.md", "python"):
+        on_processor = block.replace('"cuda"', '"cpu"').replace("1024", "8").replace("128)", "16)")
+        exec(compile(on_processor, "batch.md", "exec"), names)
+    assert names["touches"].depth_m.max() > 0
+    assert names["held"].force_n.numpy() == pytest.approx(2.0, rel=0.1)
+    assert names["images"].rgb.shape == names["touches"].rgb.shape
+    assert abs(names["sounds"]).max() > 0
+    assert names["views"].shape == (3, 16, 16, 3)
+    assert names["fingers"].tactile_rgb_image.shape[0] == 16
