@@ -29,13 +29,13 @@ def with_neighbours(encoder: Encoder) -> Encoded:
     """
     training, test = encoder.splits["training"], encoder.splits["test"]
     maps = whitening(training)
-    known, asked = training.features @ maps, test.features @ maps
+    references, queries = training.features @ maps, test.features @ maps
     votes = np.full(test.log_probabilities.shape, UNSEEN)
-    nearest, distances = _nearest(known, asked)
+    nearest, distances = _nearest(references, queries)
     scale = SHARE_OF_DISTANCE * np.median(distances)
     weights = np.exp(-(distances - distances[:, :1]) / scale)
     for column in range(NEIGHBOURS):
-        votes[np.arange(len(asked)), training.labels[nearest[:, column]]] += weights[:, column]
+        votes[np.arange(len(queries)), training.labels[nearest[:, column]]] += weights[:, column]
     logs = np.log(votes / votes.sum(axis=1, keepdims=True))
     return replace(test, log_probabilities=test.log_probabilities + WEIGHT * logs.astype(np.float32))
 
@@ -51,12 +51,12 @@ def whitening(training: Encoded) -> Floats:
     return np.asarray(vectors / np.sqrt(values), dtype=np.float32)
 
 
-def _nearest(known: Floats, asked: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Return the rows (n, NEIGHBOURS) of the nearest known points, nearest first, and squared distances."""
-    lengths, rows, distances = np.square(known).sum(axis=1), [], []
-    for first in range(0, len(asked), PART):
-        part = asked[first : first + PART]
-        squares = lengths - 2 * part @ known.T + np.square(part).sum(axis=1, keepdims=True)
+def _nearest(references: Floats, queries: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Return the rows (n, NEIGHBOURS) of the nearest references, nearest first, and squared distances."""
+    lengths, rows, distances = np.square(references).sum(axis=1), [], []
+    for first in range(0, len(queries), PART):
+        part = queries[first : first + PART]
+        squares = lengths - 2 * part @ references.T + np.square(part).sum(axis=1, keepdims=True)
         nearest = np.argpartition(squares, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
         own = np.take_along_axis(squares, nearest, axis=1)
         order = np.argsort(own, axis=1)

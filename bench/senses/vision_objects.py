@@ -114,9 +114,9 @@ NETWORKS = {
     "metal": Case(roughness=0.25, metallic=1.0),
     "gloss": Case(roughness=0.1, metallic=1.0),
     "glaze": Case(roughness=0.1, metallic=0.0),
+    # Computed sight asks no training views; `simulate_views` makes one at least.
+    "known": Case(views=1, fit={"material": "known"}),
 }
-# Sight that is computed asks no training views; `simulate_views` makes one at least.
-KNOWN = Case(views=1, fit={"material": "known"})
 CASES = ("within_120", "finer", "lights", "metal", "gloss", "glaze", "within_600")
 
 
@@ -165,6 +165,7 @@ def settings(materials: Mapping[str, str]) -> dict[str, Any]:
                 **case.fit,
             }
             for name, case in NETWORKS.items()
+            if name in CASES
         },
         "finer": f"the network of within_120, images of {2 * RESOLUTION} pixels a side",
         "lights": f"the same network; grazing: {GRAZING_DEG} degrees between light and camera seen from the "
@@ -174,11 +175,6 @@ def settings(materials: Mapping[str, str]) -> dict[str, Any]:
         "floor is that of the 256 samples all the same, a bound from below",
         "times": "CPU seconds, child processes included; rendering: the training views alone",
     }
-
-
-def case_of(name: str) -> Case:
-    """Return a case by its name."""
-    return KNOWN if name == "known" else NETWORKS[name]
 
 
 class Subject:
@@ -202,7 +198,7 @@ class Subject:
             return self.asked(net, self.other_views("sphere", 2 * RESOLUTION))
         net, costs = self.network(case)
         views, _ = self.views(case)
-        if case_of(case).shiny:
+        if NETWORKS[case].shiny:
             views = self.with_truth(case, views)
         trivial = {"mean_colour": means(views, trivial_answer(views))}
         if "albedo" in views.arrays:
@@ -234,7 +230,7 @@ class Subject:
 
     def views(self, case: str) -> tuple[Product, float]:
         """Return training and held-out views, and the CPU seconds of the training views."""
-        network = case_of(case)
+        network = NETWORKS[case]
         path = self.folder / "views" / f"{self.name}-{case}.zarr.zip"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -259,11 +255,11 @@ class Subject:
             path.parent.mkdir(parents=True, exist_ok=True)
             views, rendering = self.views(case)
             start = cpu_seconds()
-            maps = None
-            if case_of(case) is KNOWN:
-                look = KNOWN.appearance(self.material)
-                maps = sample_maps(stored_mesh(self.mesh, self.surface), self.frame, look, "known")
-            net = fit_visionnet(self.surface, self.frame, views, maps=maps, seed=0, **case_of(case).fit)
+            fit, maps = NETWORKS[case].fit, None
+            if fit.get("material") == "known":
+                appearance = NETWORKS[case].appearance(self.material)
+                maps = sample_maps(stored_mesh(self.mesh, self.surface), self.frame, appearance, "known")
+            net = fit_visionnet(self.surface, self.frame, views, maps=maps, seed=0, **fit)
             fitting = cpu_seconds() - start
             costs = {
                 "render_cpu_s": rendering,

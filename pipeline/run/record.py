@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 
 # A product as ``verified.json`` has it. To parse all of that file takes ten times as long as to find the
-# products of a stage in it. Of what is written otherwise nothing is known.
-KNOWN = rb'"(%s/[^"\\\\]+)":\{"state":\[(\d+),(\d+),(\d+)\],"whole":\w+,"md5":"(\w+)"'
+# products of a stage in it. A product that is written otherwise counts as not recorded.
+PRODUCT_PATTERN = rb'"(%s/[^"\\\\]+)":\{"state":\[(\d+),(\d+),(\d+)\],"whole":\w+,"md5":"(\w+)"'
 
 
 def receipt_path(stage: str) -> Path:
@@ -48,10 +48,10 @@ def is_recorded(root: Path, stage: str) -> bool:
         listed.pop("", None)  # failures
         text = (root / ".objectfolder" / "verified.json").read_bytes()
         folders = {path.rpartition("/")[0] for path in listed}
-        known = {
+        verified = {
             path.decode(): (digest.decode(), *map(int, state))
             for folder in folders
-            for path, *state, digest in re.findall(KNOWN % re.escape(folder).encode(), text)
+            for path, *state, digest in re.findall(PRODUCT_PATTERN % re.escape(folder).encode(), text)
         }
         present = {
             f"{folder}/{name}"
@@ -60,7 +60,7 @@ def is_recorded(root: Path, stage: str) -> bool:
             if not name.startswith(".")
         }
         return listed.keys() == present != set() and all(
-            known[path] == (md5, *_state(root / path)) for path, md5 in listed.items()
+            verified[path] == (md5, *_state(root / path)) for path, md5 in listed.items()
         )
     except (OSError, ValueError, KeyError, TypeError):
         return False

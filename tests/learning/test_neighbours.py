@@ -24,10 +24,10 @@ def test_features_are_white_within_objects_and_neighbours_tell_what_the_network_
     features, labels = splits["training"].features @ whitening(splits["training"]), splits["training"].labels
     within = features - np.stack([features[labels == label].mean(axis=0) for label in (0, 1)])[labels]
     np.testing.assert_allclose(within.T @ within / len(within), np.eye(4), atol=0.05)
-    told = with_neighbours(Encoder(splits, 0.0))
-    assert (told.log_probabilities.argmax(axis=1) == told.labels).all()
+    answers = with_neighbours(Encoder(splits, 0.0))
+    assert (answers.log_probabilities.argmax(axis=1) == answers.labels).all()
     # What a network is sure of outweighs them.
     sure = splits["test"].log_probabilities - 100 * np.eye(2, dtype=np.float32)[splits["test"].labels]
     splits["test"] = Encoded(*(splits["test"].features, sure, splits["test"].labels, splits["test"].features))
-    told = with_neighbours(Encoder(splits, 0.0))
-    assert (told.log_probabilities.argmax(axis=1) != told.labels).all()
+    answers = with_neighbours(Encoder(splits, 0.0))
+    assert (answers.log_probabilities.argmax(axis=1) != answers.labels).all()

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from objectfolder.errors import QueryError
 
-# Of a known material, points of a pixel in which colour changes, by the sub-rays from which on there are so
-# many; no more than the pixel has sub-samples of visibility. Learned light takes 16.
+# Points of a pixel of known material in which colour changes, by the least sub-rays that take that number.
+# A pixel has at least that number of sub-samples of visibility.
 POINTS_BY_SUB_RAYS = {128: 64, 64: 32}
 LEARNED_POINTS = 16
 

@@ -12,7 +12,7 @@ from objectfolder.vision.compiled.shading import SHOWN, Chosen, Shading, Visible
 from objectfolder.vision.compiled.visibility import View
 from objectfolder.vision.compositing import srgb_encode
 
-# Of many lamps each is asked at one of so many points of a piece of surface in a pixel.
+# Points of a piece of surface in a pixel, at each of which another one of many lamps is asked, at most.
 MOST_TURNS = 16
 # At `MORE` points where normals turn in a pixel: 1 - length of their mean, in squared widths of the lobe.
 CURVED, MORE = 0.03, 4
