@@ -1,5 +1,7 @@
 """Meshes that are touched alone: touch needs an object's surface and a sensor, neither views nor modes."""
 
+from collections.abc import Collection
+from copy import copy
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -83,13 +85,30 @@ class Meshes:
 
     def __init__(self, root: Path, sensor: str, most: int | None = None) -> None:
         paths = {path.parent.name: path for path in sorted(root.glob(f"*/{MESH}"))[:most]}
-        if len(paths) < FEWEST:
-            finding = f"{len(paths)} folders with a {MESH}, fewer than {FEWEST}"
-            raise InputError(str(root), finding, "Name a folder of such folders")
-        pressed = read_sensor(sensor)
+        self._root, pressed = root, read_sensor(sensor)
         self.files = {name: TouchedMesh(name, path, pressed) for name, path in paths.items()}
         self.digests = {name: digest(path) for name, path in paths.items()}
-        self.ids = tuple(self.files)
+        self.ids = self._enough(f"folders with a {MESH}")
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def without(self, names: Collection[str]) -> "Meshes":
+        """Return the others.
+
+        Raises
+        ------
+        InputError
+            Fewer than `FEWEST`.
+        """
+        others = copy(self)
+        others.files = {name: file for name, file in self.files.items() if name not in names}
+        others.digests = {name: self.digests[name] for name in others.files}
+        others.ids = others._enough("meshes that can be touched")
+        return others
+
+    def _enough(self, counted: str) -> tuple[str, ...]:
+        if len(self.files) < FEWEST:
+            finding = f"{len(self.files)} {counted}, fewer than {FEWEST}"
+            raise InputError(str(self._root), finding, "Name a folder of more such meshes")
+        return tuple(self.files)

@@ -16,43 +16,81 @@ from learning.metrics import means_by_object, share_interval
 from learning.neighbours import with_neighbours
 from learning.recognition import SEVERAL, accuracies, shares_of_several
 from learning.settings import Settings
+from learning.vertices import touched_vertices
 from learning.workers import Workers
+from objectfolder.errors import InputError
 
 PROTOCOLS = ("vertex", "vertex region")
 
 
 def evaluate(meshes: Meshes, settings: Settings, workers: Workers) -> dict[str, Any]:
-    """Return accuracies of one touch and of several, by protocol: of networks, and with neighbours."""
+    """Return accuracies of one touch and of several, by protocol: of networks, and with neighbours.
+
+    Meshes that cannot be touched are left out, and the result says why.
+    """
+    meshes, left_out = touchable(meshes, settings, workers)
     units = [(protocol, seed) for protocol in PROTOCOLS for seed in settings.seeds]
     workers.gather([workers.submit(_trained, meshes, settings, *unit) for unit in units])
     result: dict[str, Any] = {
         "chance_percent": 100 / len(meshes),
         "tests_a_seed": settings.data.test * len(meshes),
+        "objects": len(meshes),
+        "left_out": left_out,
     }
     for protocol in PROTOCOLS:
         encoders = [encoded(meshes, settings, "touch", protocol, seed) for seed in settings.seeds]
-        result[protocol] = _row(encoders)
+        result[protocol] = _row(encoders, meshes.ids)
     return result
+
+
+def touchable(meshes: Meshes, settings: Settings, workers: Workers) -> tuple[Meshes, dict[str, str]]:
+    """Touch all meshes, and return those that can be touched as both protocols ask, and what hinders others.
+
+    Raises
+    ------
+    InputError
+        Too few can be touched.
+    """
+    draws = [workers.submit(_hindrance, meshes, settings, name) for name in meshes.ids]
+    hindrances = zip(meshes.ids, workers.gather(draws), strict=True)
+    left_out = {name: hindrance for name, hindrance in hindrances if hindrance is not None}
+    for name, hindrance in left_out.items():
+        print(f"  left out: {name}: {hindrance}", flush=True)
+    return meshes.without(left_out), left_out
+
+
+def _hindrance(meshes: Meshes, settings: Settings, name: str) -> str | None:
+    try:
+        for protocol in PROTOCOLS:
+            for seed in settings.seeds:
+                touched_vertices(meshes, name, settings, protocol, seed, "test")
+    except InputError as error:
+        return error.finding
+    return None
 
 
 def _trained(meshes: Meshes, settings: Settings, protocol: str, seed: int) -> None:
     encoded(meshes, settings, "touch", protocol, seed)
 
 
-def _row(encoders: Sequence[Encoder]) -> dict[str, Any]:
+def _row(encoders: Sequence[Encoder], ids: Sequence[str]) -> dict[str, Any]:
     counts = np.bincount(encoders[0].splits["training"].labels)
     tests = [encoder.splits["test"] for encoder in encoders]
     return {
-        **_recognised(tests),
-        "with_neighbours": _recognised([with_neighbours(encoder) for encoder in encoders]),
+        **_recognised(tests, ids),
+        "with_neighbours": _recognised([with_neighbours(encoder) for encoder in encoders], ids),
         "training_touches": [int(counts.min()), int(counts.max())],
         "nearest_training_place": float(np.mean([encoder.nearest_share for encoder in encoders])),
     }
 
 
-def _recognised(tests: Sequence[Encoded]) -> dict[str, Any]:
+def _recognised(tests: Sequence[Encoded], ids: Sequence[str]) -> dict[str, Any]:
+    shares = [_shares(test) for test in tests]
+    by_object = np.mean(shares, axis=0)
+    worst = int(by_object.argmin())
     return {
-        "T": accuracies([_shares(test) for test in tests]),
+        "T": accuracies(shares),
+        "worst": {"object": ids[worst], "accuracy_percent": 100 * float(by_object[worst])},
         "several": {str(count): _several(tests, count) for count in SEVERAL},
     }
 

@@ -15,6 +15,7 @@ from objectfolder.object_file import ObjectFile
 from objectfolder.products.provenance import seed_from
 
 AT_VERTICES = ("vertex", "vertex region")  # protocols
+REMEDY = "Leave it out, or ask for fewer touches to test and to validate"
 Mask = NDArray[np.bool_]
 
 
@@ -57,9 +58,13 @@ def _count(settings: Settings) -> int:
 
 def _vertices(file: Source, name: str, settings: Settings, seed: int) -> tuple[Floats, Mask]:
     """Return vertices (n, 3) that can be pressed, in random order, and which lie in held-out regions."""
+    data = settings.data
     order_seed = seed_from(seed, "touch vertex", name)
     places = reachable_vertices(file, settings.touch_at_vertices.depth_m, order_seed, _count(settings))
-    _, tested = regions_of(file, "touch", settings.data.regions, seed_from(seed, "regions", name))
+    if len(places) <= data.test + data.validation:
+        finding = f"{len(places)} vertices can be pressed, {data.test + data.validation + 1} are needed"
+        raise InputError(name, finding, REMEDY)
+    _, tested = regions_of(file, "touch", data.regions, seed_from(seed, "regions", name))
     return places, tested(places)
 
 
@@ -80,7 +85,7 @@ def _rows(held_out: Mask, name: str, settings: Settings, protocol: str, split: s
     others = rows[data.test :] if protocol == "vertex" else rows[~held_out]
     training = others[data.validation :]
     if not len(training) or len(test) < data.test:
-        first = data.test + data.validation
-        finding = f"{len(rows)} vertices can be pressed, and {first} are for test and validation"
-        raise InputError(name, finding, "Leave it out")
+        finding = f"{len(tested)} of {len(rows)} vertices lie in held-out regions"
+        needed = f"{data.test} there and {data.validation + 1} elsewhere are needed"
+        raise InputError(name, f"{finding}: {needed}", REMEDY)
     return {"test": test, "validation": others[: data.validation], "training": training}[split]

@@ -63,7 +63,7 @@ def test_no_vertex_of_a_split_is_in_another(tiny, protocol):
 
 def test_an_object_without_vertices_to_train_on_is_an_error(tiny):
     many = tiny.model_copy(update={"data": tiny.data.model_copy(update={"test": 10_000})})
-    with pytest.raises(InputError, match=r"a: \d+ vertices can be pressed, and 10004 are for test"):
+    with pytest.raises(InputError, match=r"a: \d+ vertices can be pressed, 10005 are needed"):
         label_draws(Objects(tiny), many, "touch", "vertex", 0, "training")
 
 

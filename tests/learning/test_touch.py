@@ -57,6 +57,35 @@ def test_shapes_are_told_by_touch_and_draws_are_kept(folder, tiny, tmp_path, mon
     assert capsys.readouterr().out.count("touches: object") == len(SHAPES)
 
 
+def test_meshes_that_cannot_be_touched_are_left_out(folder, tiny, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
+    settings = tiny.model_copy(
+        update={
+            "data": tiny.data.model_copy(update={"test": 20}),
+            "touch_at_vertices": tiny.touch_at_vertices.model_copy(update={"training": 200}),
+        }
+    )
+    coarse = {"corners": trimesh.creation.box((0.05, 0.05, 0.05))}
+    coarse["die"] = coarse["corners"].subdivide()  # 26 vertices, of which no fifth of the regions has 20
+    for name, mesh in coarse.items():
+        (folder / name).mkdir()
+        mesh.export(folder / name / "model.obj")
+    (folder / "empty").mkdir()
+    (folder / "empty" / "model.obj").write_text("v 0 0 0\n", encoding="utf-8")
+    meshes, left_out = touch.touchable(Meshes(folder, "digit-tacto"), settings, Here())
+    assert meshes.ids == tuple(SHAPES)
+    assert meshes.digests.keys() == meshes.files.keys() == SHAPES.keys()
+    assert left_out.keys() == {"corners", "die", "empty"}
+    assert left_out["corners"] == "8 vertices can be pressed, 25 are needed"
+    assert left_out["die"].endswith(
+        "of 26 vertices lie in held-out regions: 20 there and 5 elsewhere are needed"
+    )
+    printed = capsys.readouterr().out
+    assert all(f"left out: {name}: {finding}" in printed for name, finding in left_out.items())
+    with pytest.raises(InputError, match=r"3 meshes that can be touched, fewer than 4"):
+        meshes.without(["ball"])
+
+
 def test_a_folder_without_meshes_is_an_error(tmp_path):
     with pytest.raises(InputError, match=r"0 folders with a model\.obj, fewer than 4"):
         Meshes(tmp_path, "digit")
