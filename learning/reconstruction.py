@@ -104,10 +104,14 @@ class Trial:
     @cached_property
     def predictions(self) -> dict[str, np.ndarray]:
         """Likenesses (tests, 3), and of each tested object the first predicted mesh, by its position."""
+        settings = self.settings
         key = {
             "unit": "reconstruction", "senses": self.senses, "known": self.known, "tested": self.tested,
             "unseen": self.unseen, "seed": self.seed, "files": self.objects.digests,
-            "settings": self.settings.model_dump(exclude={"retrieval", "seeds", "grasping"}),
+            "shared_draws": settings.seeds[0] if self.unseen else None,
+            "data": settings.data.model_dump(exclude={"root", "objects"}),
+            "encoder": settings.encoder.model_dump(),
+            "reconstruction": settings.reconstruction.model_dump(exclude={"folds"}),
         }  # fmt: skip
         return kept(__name__, key, self._predict)
 

@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -68,6 +69,42 @@ def test_dvc_knows_the_code_and_the_parameters_of_every_task():
         declared[task] = set(parameters)
     assert set().union(*declared.values()) == sections
     assert "regrasping" not in declared["recognition"] | declared["grasping"]
+
+
+def test_settings_are_no_metrics():
+    stages = yaml.safe_load((REPOSITORY / "learning" / "dvc.yaml").read_text(encoding="utf-8"))["stages"]
+    for task in TASKS:
+        (metrics,), (outs,) = stages[task]["metrics"], stages[task]["outs"]
+        assert list(metrics) == [f"learning/results/{task}.json"]
+        assert list(outs) == [f"learning/results/settings/{task}.json"]
+
+
+def test_a_task_hangs_on_the_code_of_the_tasks_that_it_uses():
+    for task in ("retrieval", "reconstruction", "stand_in"):
+        assert "learning.recognition" in code_identity(TASKS[task].__module__)
+
+
+def test_shapes_are_kept_by_their_own_parameters(monkeypatch):
+    monkeypatch.setattr(reconstruction, "kept", lambda module, key, compute: {"key": json.dumps(key)})
+
+    def key_of(settings, unseen=()):
+        objects = SimpleNamespace(digests={"mug": "0"})
+        return reconstruction.Trial(
+            objects, settings, None, ("vision",), (0, 1), (0, 1), unseen, 0
+        ).predictions["key"]
+
+    settings, small = read_settings(PARAMETERS), read_settings(PARAMETERS.with_name("small.yaml"))
+    others = ("touch_at_vertices", "retrieval", "stand_in", "grasping", "regrasping")
+    assert key_of(settings) == key_of(
+        settings.model_copy(update={name: getattr(small, name) for name in others})
+    )
+    wider = settings.encoder.model_copy(update={"width": 24})
+    own = ({"data": small.data}, {"encoder": wider}, {"reconstruction": small.reconstruction})
+    assert len({key_of(settings.model_copy(update=update)) for update in ({}, *own)}) == 1 + len(own)
+    # Networks of unseen objects share the draws of the first seed.
+    reseeded = settings.model_copy(update={"seeds": (7,)})
+    assert key_of(settings) == key_of(reseeded)
+    assert key_of(settings, (1,)) != key_of(reseeded, (1,))
 
 
 @pytest.mark.release("learning", "objectfolder")
