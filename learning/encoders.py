@@ -154,7 +154,8 @@ def _train(
     parameters = settings.encoder
     if protocol in AT_VERTICES:
         own = settings.touch_at_vertices
-        parameters = parameters.model_copy(update={"epochs": own.epochs, "batch": own.batch})
+        training = {"epochs": own.epochs, "batch": own.batch, "learning_rate": own.learning_rate}
+        parameters = parameters.model_copy(update=training)
     from torch.utils.tensorboard import SummaryWriter
 
     with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:

@@ -61,6 +61,7 @@ class TouchAtVertices(_Strict):
     training: PositiveInt
     epochs: PositiveInt
     batch: PositiveInt
+    learning_rate: PositiveFloat
     depth_m: float = Field(gt=0, le=0.002)
     finer_resolution: Pixels | None
     sensor: str
