@@ -28,7 +28,7 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
     parts = {
         "network": (learned_sight.Network, "answer"),
         "bounced": (known_sight.KnownSight, "bounced"),
-        "hits": (sight_surfaces.Rays, "hits"),
+        "hits": (sight_surfaces, "hits"),
         "displacement": (elastic.Layer, "displacement"),
     }
     plain = {name: getattr(*part) for name, part in parts.items()}

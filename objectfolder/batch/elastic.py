@@ -68,14 +68,14 @@ class Layer:
         # Of a kernel that is even along both axes.
         whole = np.concatenate([half, half[:, 1 : self.padded[1] - half.shape[1] + 1][:, ::-1]], axis=1)
         self._softest, self._stiffest = float(whole.max()), float(whole.min())
-        self._spectrum = upload((whole / whole.size).astype(kind), device)
+        self._spectrum = upload(whole / whole.size, device, kind)
         self._cell, self._modulus = pitch[0] * pitch[1], gel.contact_modulus_pa
         self.type = self._spectrum.dtype
         centre = [sensor.gel_width_m / 2 - pitch[1] / 2, sensor.gel_height_m / 2 - pitch[0] / 2]
         constants = gel_constants(sensor)
         near = constants[8] - constants[0]
-        self.grid = upload(np.array([*centre, -pitch[1], -pitch[0], columns, rows], dtype=kind), device)
-        self.form = upload(np.array([*constants[5:7], near, FACE_SLACK[kind]], dtype=kind), device)
+        self.grid = upload([*centre, -pitch[1], -pitch[0], columns, rows], device, kind)
+        self.form = upload([*constants[5:7], near, FACE_SLACK[kind]], device, kind)
 
     def room(self, pairs: int) -> tuple[Tensor, Tensor]:
         """Complex zeros (pairs, padded rows, padded columns), and the cells of both touches in them."""
@@ -193,16 +193,11 @@ class ElasticView:
         grid, kind, device = ray_grid(sensor, samples), layer.grid.cpu().numpy().dtype, look[0].device
         eye = np.append(np.subtract(sensor.camera_position_m, sensor.gel_apex_m), grid.near)
         shape = (len(grid.v), len(grid.u))
-        rays = [
-            upload(np.asarray(part, dtype=kind), device)
-            for part in (
-                grid.u, grid.v, grid.gel_depth.reshape(shape), grid.gel_values.reshape(*shape, 3),
-            )
-        ]  # fmt: skip
-        places = [
-            upload(np.asarray(part, dtype=kind), device)
-            for part in (eye, sensor.gel_apex_m, [DEPTH_STEPS_PER_M])
-        ]
+        seen = grid.u, grid.v, grid.gel_depth.reshape(shape), grid.gel_values.reshape(*shape, 3)
+        rays, places = (
+            [upload(part, device, kind) for part in parts]
+            for parts in (seen, (eye, sensor.gel_apex_m, [DEPTH_STEPS_PER_M]))
+        )
         self._pixels = sensor.image_height * sensor.image_width
         self._layer, self._body = layer, elastic_bodies.membrane_body(sensor.photometric_table is not None)
         self._constants = samples, *rays, layer.grid, layer.form, *places, *look

@@ -12,7 +12,15 @@ import numpy as np
 
 from objectfolder.batch import known_bodies
 from objectfolder.batch.resident import joined_records, upload
-from objectfolder.batch.sight_surfaces import LATTICE_COUNTED, MAPS, Points, Rays, Scene, Surfaces, on_lattice
+from objectfolder.batch.sight_bodies import Seen
+from objectfolder.batch.sight_surfaces import (
+    LATTICE_COUNTED,
+    MAPS,
+    Scene,
+    Surfaces,
+    on_lattice,
+    room_for_rays,
+)
 from objectfolder.batch.targets import Tensor, full_precision, torch
 from objectfolder.vision.compiled.known_light import GLOSS_BOUNCES, OFFSET, KnownLight
 from objectfolder.vision.compiled.lobes import Cast, scattered
@@ -33,33 +41,32 @@ class KnownSight:
     surfaces
         Of all objects.
     nets, lights
-        VisionNets of all, and the light of those of known material, None for the others.
+        VisionNets of these, and their light.
     """
 
-    def __init__(
-        self, surfaces: Surfaces, nets: Sequence[VisionNet], lights: Sequence[KnownLight | None]
-    ) -> None:
+    def __init__(self, surfaces: Surfaces, nets: Sequence[VisionNet], lights: Sequence[KnownLight]) -> None:
         self._surfaces, self._device = surfaces, (place := surfaces.device)
         # Directions of a ray's gloss, as where a single view is even.
-        self._samples = max(light.samples[0] for light in lights if light is not None)
-        solved = [None if light is None else light._radiosity for light in lights]
-        self._looks = joined_records([_look(*pair) for pair in zip(nets, lights, strict=True)], (), place)[1:]
-        albedo = [_albedo(net) if net.computed else on_lattice(None, NO_COLOUR) for net in nets]
+        self._samples = max(light.samples[0] for light in lights)
+        # The objects before these have rows that no kernel looks at.
+        before = surfaces.count - len(nets)
+        solved = [None] * before + [light._radiosity for light in lights]
+        looks = [_look(*pair) for pair in zip(nets, lights, strict=True)]
+        self._looks = joined_records(looks[:1] * before + looks, (), place)[1:]
+        albedo = [on_lattice(None, NO_COLOUR)] * before + [_albedo(net) for net in nets]
         self._albedo = joined_records(albedo, LATTICE_COUNTED, place)
         *bounced, shares = zip(*map(_bounced, solved), strict=True)
         self._bounced = joined_records(list(zip(*bounced, strict=True)), LATTICE_COUNTED, place)
         self._shares = upload(np.concatenate(shares), place)
         self._values = max(len(part) for part in shares)
-        counts = [0 if each is None else SITES for each in solved]
-        ordered = [(np.zeros(0, np.int64), *NO_SITES) if each is None else _sites(each) for each in solved]
-        starts, *points = (np.concatenate(column) for column in zip(*ordered, strict=True))
-        rows, ends = np.cumsum([0, *counts]), np.cumsum([0, *starts])
+        sites = [_sites(each) for each in solved]
+        counts, *points = (np.concatenate(column) for column in zip(*sites, strict=True))
+        rows, ends = np.cumsum([0, *(len(each[0]) for each in sites)]), np.cumsum([0, *counts])
         self._sites = tuple(upload(column, place) for column in (rows, ends, *points))
         self._exchange = [
             None if each is None else (upload(each._exchange, place), upload(each._albedo, place).float())
             for each in solved
         ]
-        self._radiance = upload(np.array([net.radiance_scale for net in nets], dtype=np.float32), place)
 
     def bounced(self, scene: Scene, first: int) -> Bounced:
         """Return the number (views,) of each view's lamp, and what it sends by way of the surface.
@@ -96,44 +103,43 @@ class KnownSight:
         )  # fmt: skip
         return number, fields
 
-    def shade(self, scene: Scene, points: Points, cast: Cast, bounced: Bounced, colours: Tensor) -> None:
+    def shade(self, scene: Scene, points: Seen, cast: Cast, bounced: Bounced, colours: Tensor) -> None:
         """Write the colours of rays that meet points; `cast` says where each is in its image."""
         radiance = self._radiated(scene, points, cast, bounced, self._samples, GLOSS_BOUNCES)
-        scale = self._radiance[scene.objects[points.rays.view[points.ray]]]
-        colours[points.ray, :3] = radiance * scale[:, None]
-        colours[points.ray, 3] = 1.0
+        scale = self._surfaces.radiance[scene.objects[points.view_of[points.ray_of]]]
+        colours[points.ray_of, :3] = radiance * scale[:, None]
+        colours[points.ray_of, 3] = 1.0
 
     def _radiated(
-        self, scene: Scene, points: Points, cast: Cast, bounced: Bounced, samples: int,
-        times: int,
-    ) -> Tensor:  # fmt: skip
+        self, scene: Scene, points: Seen, cast: Cast, bounced: Bounced, samples: int, times: int
+    ) -> Tensor:
         """Return what (n, 3) float32 points send, showing others in their gloss `times`."""
-        count = len(points.ray)
+        count = len(points.ray_of)
         terms = torch.empty((count, PRINCIPLED_TERMS), dtype=torch.float32, device=self._device)
         base, radiance = (torch.empty((count, 3), dtype=torch.float32, device=self._device) for _ in range(2))
         known_bodies.substance(
-            count, *points.arrays, scene.objects, *self._looks, *self._surfaces.stored, *self._albedo,
+            count, *points, scene.objects, *self._looks, *self._surfaces.stored, *self._albedo,
             *self._surfaces.maps, terms, base,
         )  # fmt: skip
         known_bodies.radiate(
-            count, *points.arrays, scene.objects, *self._looks, scene.lights, *bounced, terms, base,
+            count, *points, scene.objects, *self._looks, scene.lights, *bounced, terms, base,
             *self._bounced, radiance,
         )  # fmt: skip
         if times == 0 or samples == 0:
             return radiance
         starts: Any = scattered(cast)
         offsets = [part.double() for part in starts]
-        rays = Rays.empty(count * samples, self._device)
+        rays = room_for_rays(count * samples, self._device)
         share = torch.empty((count * samples, 3), dtype=torch.float32, device=self._device)
         known_bodies.scatter(
-            count * samples, *points.arrays, scene.objects, *self._looks, terms, samples, *offsets,
-            *self._surfaces.volumes, self._surfaces.triangles[2], *rays.arrays, share,
+            count * samples, *points, scene.objects, *self._looks, terms, samples, *offsets,
+            *self._surfaces.volumes, self._surfaces.triangles[2], *rays, share,
         )  # fmt: skip
         met = self._surfaces.lit(scene, rays)
         row = torch.full((count * samples,), -1, dtype=torch.int64, device=self._device)
-        row[met.ray] = torch.arange(len(met.ray), device=self._device)
-        shown_by = met.ray // samples
-        order = (1 + cast.order[shown_by]) * OFFSET + met.ray % samples
+        row[met.ray_of] = torch.arange(len(met.ray_of), device=self._device)
+        shown_by = met.ray_of // samples
+        order = (1 + cast.order[shown_by]) * OFFSET + met.ray_of % samples
         again = Cast(cast.columns[shown_by], cast.rows[shown_by], order, cast.count)
         sent = self._radiated(scene, met, again, bounced, 1, times - 1)
         known_bodies.gather(count, samples, row, share, sent, radiance)
@@ -141,9 +147,9 @@ class KnownSight:
 
 
 NO_COLOUR = np.zeros((0, 3), dtype=np.uint8)
-# Of the points of sites: faces, barycentric coordinates, positions, normals as maps bend them and without,
-# sides, albedo.
-NO_SITES = (np.zeros(0, np.int64), *[np.zeros((0, 3))] * 4, np.zeros(0), np.zeros((0, 3)))
+# Points of each site, and of these: faces, barycentric coordinates, positions, normals as maps bend them and
+# without, sides, albedo.
+NO_SITES = (*[np.zeros(0, np.int64)] * 2, *[np.zeros((0, 3))] * 4, np.zeros(0), np.zeros((0, 3)))
 
 
 def _albedo(net: VisionNet) -> Arrays:
@@ -151,12 +157,10 @@ def _albedo(net: VisionNet) -> Arrays:
     return on_lattice(net._maps.lattice("albedo"), net._maps.levels["albedo"])
 
 
-def _look(net: VisionNet, light: KnownLight | None) -> Arrays:
+def _look(net: VisionNet, light: KnownLight) -> Arrays:
     """Return a row of each array of `known_bodies.Looks`."""
-    if light is None or net._appearance is None:
-        return (np.zeros((1, 2)), np.zeros((1, 2), bool), np.zeros((1, 32, 32)), np.zeros((1, 32)),
-                np.zeros((1, 16, 16)), np.zeros((1, 3)))  # fmt: skip
     own, level = net._appearance, light._principled
+    assert own is not None
     mapped = [net._material.mapped(name) for name in list(MAPS)[:2]]
     numbers = level._upright, level._upright_mean, level._index
     return (
@@ -172,8 +176,10 @@ def _bounced(radiosity: Radiosity | None) -> Arrays:
     return *radiosity._lookup._places, radiosity._near, radiosity._share
 
 
-def _sites(radiosity: Radiosity) -> Arrays:
+def _sites(radiosity: Radiosity | None) -> Arrays:
     """Return how many points receive light for each site, as in a coarse image, and these in order."""
+    if radiosity is None:
+        return NO_SITES
     receivers = radiosity._few
     order, points = np.argsort(receivers.site, kind="stable"), receivers.points
     columns = (

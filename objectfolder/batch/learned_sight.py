@@ -7,7 +7,8 @@ import numpy as np
 from objectfolder.batch import learned_bodies
 from objectfolder.batch.learned_bodies import LEVELS
 from objectfolder.batch.resident import joined_records, upload
-from objectfolder.batch.sight_surfaces import Points, Rays, Scene, Surfaces
+from objectfolder.batch.sight_bodies import Seen
+from objectfolder.batch.sight_surfaces import Scene, Surfaces, room_for_rays
 from objectfolder.batch.targets import Tensor, torch
 from objectfolder.vision.compiled.network import LIGHT_INPUTS
 from objectfolder.vision.network.network_layout import ANGLES, LAYER_WIDTH, MIRROR_WIDTH
@@ -37,41 +38,38 @@ class LearnedSight:
         records = [(*table, *grid.lookups) for table, grid in zip(tables, grids, strict=True)]
         offsets, *arrays = joined_records(records, range(2 * LEVELS), place)
         sides = [[grid.resolution >> (LEVELS - 1 - level) for level in range(LEVELS)] for grid in grids]
-        self._grid = offsets, upload(np.array(sides), place), *arrays
+        self._grid = offsets, upload(sides, place), *arrays
         self._alpha2 = _widths(weights, "log_alpha", place)
         self._mirror_alpha2 = _widths(weights, MIRROR_WIDTH, place)
         self._networks = [Network(own, place) for own in weights]
-        self._mirrors = upload(np.array([MIRROR_WIDTH in own for own in weights]), place)
+        self._mirrors = upload([MIRROR_WIDTH in own for own in weights], place)
         self._any_mirrors = any(MIRROR_WIDTH in own for own in weights)
-        self._radiance = upload(np.array([net.radiance_scale for net in nets], dtype=np.float32), place)
 
-    def shade(self, scene: Scene, points: Points, starts: Tensor, colours: Tensor) -> None:
+    def shade(self, scene: Scene, points: Seen, starts: Tensor, colours: Tensor) -> None:
         """Write the colours of rays that meet points; those of each object lie between two of `starts`."""
         answers = self._answered(scene, points, starts, self._alpha2)
         reflected = torch.zeros(
-            (len(points.ray) if self._any_mirrors else 1, 3), dtype=torch.float32, device=self._device
+            (len(points.ray_of) if self._any_mirrors else 1, 3), dtype=torch.float32, device=self._device
         )
         if self._any_mirrors:
-            rays = Rays.empty(len(points.ray), self._device)
+            rays = room_for_rays(len(points.ray_of), self._device)
             learned_bodies.mirror(
-                len(points.ray), *points.arrays, scene.objects, *self._surfaces.volumes,
-                self._surfaces.triangles[2], *rays.arrays,
+                len(points.ray_of), *points, scene.objects, *self._surfaces.volumes,
+                self._surfaces.triangles[2], *rays,
             )  # fmt: skip
             met = self._surfaces.lit(scene, rays)
-            mirrored = self._answered(scene, met, torch.searchsorted(met.ray, starts), self._mirror_alpha2)
-            learned_bodies.reflect(
-                len(met.ray), *met.arrays, scene.objects, self._mirrors, *mirrored, reflected
-            )
+            mirrored = self._answered(scene, met, torch.searchsorted(met.ray_of, starts), self._mirror_alpha2)
+            learned_bodies.reflect(len(met.ray_of), *met, scene.objects, self._mirrors, *mirrored, reflected)
         learned_bodies.colour(
-            len(points.ray), *points.arrays, scene.objects, self._mirrors, self._radiance, *answers,
+            len(points.ray_of), *points, scene.objects, self._mirrors, self._surfaces.radiance, *answers,
             reflected, colours,
         )  # fmt: skip
 
     def _answered(
-        self, scene: Scene, points: Points, starts: Tensor, alpha2: Tensor
+        self, scene: Scene, points: Seen, starts: Tensor, alpha2: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return answers (n, ANSWERS) of the networks, their inputs and the lobes (n,) of highlights."""
-        count = len(points.ray)
+        count = len(points.ray_of)
         # Each row begins where products in half precision want it, and so does each object.
         inputs, lobe, answers = (
             torch.empty(shape, dtype=torch.float32, device=self._device)
@@ -80,7 +78,7 @@ class LearnedSight:
             )
         )  # fmt: skip
         lamps = scene.objects, scene.lights, _lamp_terms(scene.lights)
-        learned_bodies.inputs(count, *points.arrays, *lamps, *self._grid, alpha2, inputs, lobe)
+        learned_bodies.inputs(count, *points, *lamps, *self._grid, alpha2, inputs, lobe)
         ends = starts.tolist()
         for network, start, end in zip(self._networks, ends, ends[1:], strict=False):
             if start < end:

@@ -1,20 +1,19 @@
 """Surfaces of several objects on one device, one behind the other."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from objectfolder.batch import contact_bodies
+from objectfolder.batch.contact_bodies import Trees, locate
 from objectfolder.batch.targets import Tensor, resident, torch
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
 
 
-def upload(values: np.ndarray, device: torch.device) -> Tensor:
-    """Copy an array to a device."""
-    return torch.from_numpy(np.array(values, order="C")).to(device)
+def upload(values: object, device: torch.device, kind: Any = None) -> Tensor:
+    """Copy an array, or numbers that make one, to a device; of their own type if `kind` is None."""
+    return torch.from_numpy(np.array(values, dtype=kind, order="C")).to(device)
 
 
 def joined(parts: Sequence[np.ndarray], device: torch.device) -> Tensor:
@@ -38,31 +37,18 @@ def joined_records(
     return resident(upload(offsets, device)), *map(resident, arrays)
 
 
-@dataclass(frozen=True)
-class ResidentTrees:
-    """Triangles of several objects and trees of boxes over them, concatenated.
+def resident_trees(surfaces: Sequence[Surface], device: torch.device) -> Trees:
+    """Copy trees of boxes over the triangles of objects to a device; faces count from each object's first."""
+    trees = [surface._tree for surface in surfaces]
+    records = [(tree.boxes, tree.order, tree.triangles) for tree in trees]
+    return Trees(*joined_records(records, range(3), device))
 
-    Parameters
-    ----------
-    arrays
-        (objects + 1, 3) int64 where boxes, leaves and faces of each begin; these as of `BoundingBoxTree`,
-        faces counted from the first of their object.
-    """
 
-    arrays: tuple[Any, ...]
-
-    @classmethod
-    def of(cls, surfaces: Sequence[Surface], device: torch.device) -> "ResidentTrees":
-        """Upload surfaces."""
-        trees = [surface._tree for surface in surfaces]
-        records = [(tree.boxes, tree.order, tree.triangles) for tree in trees]
-        return cls(joined_records(records, range(3), device))
-
-    def closest(self, objects: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the nearest face (n,) to each point (n, 3), and barycentric coordinates (n, 3) there."""
-        face, barycentric = torch.empty_like(objects), torch.zeros_like(points)
-        contact_bodies.locate(len(objects), objects, points, *self.arrays, face, barycentric)
-        return face, barycentric
+def closest(trees: Trees, objects: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the nearest face (n,) of its object to each point (n, 3), and barycentric coordinates (n, 3)."""
+    face, barycentric = torch.empty_like(objects), torch.zeros_like(points)
+    locate(len(objects), objects, points, *trees, face, barycentric)
+    return face, barycentric
 
 
 def numbers(name: str, value: object, shape: tuple[int, ...], device: torch.device) -> Tensor:

@@ -13,7 +13,7 @@ from objectfolder.batch import sight_bodies
 from objectfolder.batch.known_sight import Bounced, KnownSight
 from objectfolder.batch.learned_sight import LearnedSight
 from objectfolder.batch.resident import numbers, object_indices, upload
-from objectfolder.batch.sight_surfaces import Scene, Surfaces
+from objectfolder.batch.sight_surfaces import Scene, Surfaces, points_of
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.vision.appearance import THIN
@@ -60,14 +60,12 @@ class SightBatch:
         self._learned = sum(not net.computed for net in nets)
         renderers = [net._rendering() for net in nets]
         self._surfaces = Surfaces(nets, [renderer._surface for renderer in renderers], place)
-        lights = [renderer._network for renderer in renderers]
-        known_lights = [light if isinstance(light, KnownLight) else None for light in lights]
-        self._by_network = LearnedSight(self._surfaces, nets[: self._learned]) if self._learned else None
-        self._by_material = (
-            KnownSight(self._surfaces, nets, known_lights) if self._learned < len(nets) else None
-        )
-        self._centres = upload(np.array([sights[index].frame.centre for index in order]), place)
-        self._scales = upload(np.array([sights[index].frame.scale for index in order]), place)
+        learned, known = nets[: self._learned], nets[self._learned :]
+        lights = [light for renderer in renderers if isinstance(light := renderer._network, KnownLight)]
+        self._by_network = LearnedSight(self._surfaces, learned) if learned else None
+        self._by_material = KnownSight(self._surfaces, known, lights) if known else None
+        self._centres = upload([sights[index].frame.centre for index in order], place)
+        self._scales = upload([sights[index].frame.scale for index in order], place)
 
     def render(
         self,
@@ -120,7 +118,7 @@ class SightBatch:
         cameras[:, :3, 3] = (cameras[:, :3, 3] - self._centres[chosen]) / self._scales[chosen, None]
         lamps = (lamps - self._centres[chosen]) / self._scales[chosen, None]
         size = image_size(resolution)
-        lens = upload(np.array([focal_length_px(size, field_of_view_deg), size[1], size[0]]), self.device)
+        lens = upload([focal_length_px(size, field_of_view_deg), size[1], size[0]], self.device)
         order = torch.argsort(chosen, stable=True)
         channels, kind = (4, torch.float32) if linear else (3, torch.uint8)
         image = torch.empty((count, *size, channels), dtype=kind, device=self.device)
@@ -165,14 +163,14 @@ class SightBatch:
         # Pixels are in the order of views, views in the order of objects.
         views = torch.searchsorted(scene.objects, torch.arange(self._learned + 1, device=self.device))
         starts = torch.searchsorted(place, views * (size[0] * size[1])) * several
-        starts = torch.searchsorted(points.ray, starts)
+        starts = torch.searchsorted(points.ray_of, starts)
         split = int(starts[-1])
         if self._by_network is not None and split > 0:
-            self._by_network.shade(scene, points.of(slice(split)), starts, colours)
-        if self._by_material is not None and bounced is not None and split < len(points.ray):
-            rest = points.of(slice(split, None))
-            pixel = place[rest.ray // several] % (size[0] * size[1])
-            at: Any = pixel % size[1], pixel // size[1], rest.ray % several, several  # tensors for arrays
+            self._by_network.shade(scene, points_of(points, slice(split)), starts, colours)
+        if self._by_material is not None and bounced is not None and split < len(points.ray_of):
+            rest = points_of(points, slice(split, None))
+            pixel = place[rest.ray_of // several] % (size[0] * size[1])
+            at: Any = pixel % size[1], pixel // size[1], rest.ray_of % several, several  # tensors for arrays
             self._by_material.shade(scene, rest, Cast(*at), bounced, colours)
         sight_bodies.blend(len(place), place, colours, *image)
 

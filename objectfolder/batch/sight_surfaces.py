@@ -1,12 +1,13 @@
 """Surfaces that rays of many views meet, on a device: first hits, normals, and what of a lamp arrives."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from objectfolder.batch import sight_bodies
 from objectfolder.batch.resident import joined_records, upload
+from objectfolder.batch.sight_bodies import Rays, Seen
 from objectfolder.batch.targets import Tensor, torch
 from objectfolder.vision.compiled.lattice_values import LatticeLookup
 from objectfolder.vision.compiled.lighting import LitSurface
@@ -32,54 +33,21 @@ class Scene:
     lens: Tensor
 
 
-@dataclass(frozen=True)
-class Rays:
-    """Rays (n,) and what they meet: `face` is -1 where that is nothing."""
-
-    view: Tensor
-    direction: Tensor
-    face: Tensor
-    barycentric: Tensor
-
-    @classmethod
-    def empty(cls, count: int, device: torch.device) -> "Rays":
-        """Return room for rays."""
-        view, face = (torch.empty(count, dtype=torch.int32, device=device) for _ in range(2))
-        direction, place = (torch.empty((count, 3), dtype=torch.float64, device=device) for _ in range(2))
-        return cls(view, direction, face, place)
-
-    @property
-    def arrays(self) -> tuple[Tensor, ...]:
-        """The parameters, as kernels take them."""
-        return self.view, self.direction, self.face, self.barycentric
-
-    def hits(self) -> Tensor:
-        """Return which rays (m,) meet something."""
-        return torch.nonzero(self.face >= 0)[:, 0]
+def room_for_rays(count: int, device: torch.device) -> Rays:
+    """Return room for rays and what they meet."""
+    view, face = (torch.empty(count, dtype=torch.int32, device=device) for _ in range(2))
+    direction, place = (torch.empty((count, 3), dtype=torch.float64, device=device) for _ in range(2))
+    return Rays(view, direction, face, place)
 
 
-@dataclass(frozen=True)
-class Points:
-    """Points that rays meet; `ray` (n,) says which ray. `upright` is the normal without maps."""
+def hits(rays: Rays) -> Tensor:
+    """Return which rays (m,) meet something."""
+    return torch.nonzero(rays.face >= 0)[:, 0]
 
-    rays: Rays
-    ray: Tensor
-    position: Tensor
-    normal: Tensor
-    upright: Tensor
-    side: Tensor
-    irradiance: Tensor
 
-    @property
-    def arrays(self) -> tuple[Tensor, ...]:
-        """The parameters, as kernels take them."""
-        places = self.position, self.normal, self.upright, self.side, self.irradiance
-        return self.ray, *self.rays.arrays, *places
-
-    def of(self, some: slice) -> "Points":
-        """Return some of the points."""
-        own = {name.name: getattr(self, name.name)[some] for name in fields(self)[1:]}
-        return replace(self, **own)
+def points_of(points: Seen, some: slice) -> Seen:
+    """Return some of the points, and all rays."""
+    return Seen(points.ray_of[some], *points[1:5], *(part[some] for part in points[5:]))
 
 
 class Surfaces:
@@ -97,39 +65,35 @@ class Surfaces:
 
     def __init__(self, nets: Sequence[VisionNet], lit: Sequence[LitSurface], device: torch.device) -> None:
         self.device, self.count = device, len(nets)
-        trees = [surface.volumes for surface in lit]
-        names = ("boxes", "children", "counts", "triangles", "faces")
-        boxes = [[getattr(tree, name) for name in names] for tree in trees]
-        self.volumes = joined_records(boxes, (0, 3), device)
+        self.radiance = upload([net.radiance_scale for net in nets], device, np.float32)
+        self.volumes = joined_records([surface.volumes for surface in lit], (0, 3), device)
         self.triangles = joined_records([surface._triangles for surface in lit], (), device)[1:]
-        bends = np.array([net._surface.bends for net in nets])
-        self._any_bends = bool(bends.any())
+        bends = [net._surface.bends for net in nets]
+        self._any_bends = any(bends)
         self.stored = upload(bends, device), *joined_records([_stored(net) for net in nets], (0, 2), device)
         self.maps = joined_records([_maps(net) for net in nets], LATTICE_COUNTED, device)
 
     def cast(self, scene: Scene, place: Tensor, inside: Tensor) -> Rays:
         """Return rays through places `inside` (m, 2) each of pixels `place` (n,)."""
         count = len(place) * len(inside)
-        rays = Rays.empty(count, self.device)
+        rays = room_for_rays(count, self.device)
         sight_bodies.cast(
-            count, place, inside, scene.objects, scene.cameras, scene.lens, *self.volumes, *rays.arrays
+            count, place, inside, scene.objects, scene.cameras, scene.lens, *self.volumes, *rays
         )
         return rays
 
-    def lit(self, scene: Scene, rays: Rays) -> Points:
+    def lit(self, scene: Scene, rays: Rays) -> Seen:
         """Return the points that rays meet, and what of the lamps arrives there."""
-        ray = rays.hits()
+        ray = hits(rays)
         lit = [torch.empty((len(ray), *shape), dtype=torch.float64, device=self.device) for shape in POINT]
         lamps = scene.objects, scene.lights
-        sight_bodies.light(
-            len(ray), ray, *rays.arrays, *lamps, *self.volumes, *self.triangles, *lit
-        )  # fmt: skip
+        sight_bodies.light(len(ray), ray, *rays, *lamps, *self.volumes, *self.triangles, *lit)
         position, upright, side, irradiance = lit
         normal = upright
         if self._any_bends:
             normal = torch.empty_like(upright)
-            sight_bodies.bend(len(ray), ray, *rays.arrays, *lamps, *self.stored, *self.maps, *lit, normal)
-        return Points(rays, ray, position, normal, upright, side, irradiance)
+            sight_bodies.bend(len(ray), ray, *rays, *lamps, *self.stored, *self.maps, *lit, normal)
+        return Seen(ray, *rays, position, normal, upright, side, irradiance)
 
 
 # Shapes of position, normal, side and irradiance of a point.

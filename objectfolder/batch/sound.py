@@ -16,7 +16,7 @@ from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.sources import Source
 from objectfolder.audio.synthesis.struck_body import CONTACT
-from objectfolder.batch.resident import ResidentTrees, numbers, object_indices, upload
+from objectfolder.batch.resident import closest, numbers, object_indices, resident_trees, upload
 from objectfolder.batch.targets import Tensor, checked_device, full_precision, torch
 from objectfolder.errors import QueryError
 
@@ -45,7 +45,7 @@ class SoundBatch:
     def __init__(self, sounds: Sequence[SoundQueries], device: str | torch.device = "cuda") -> None:
         self.device = checked_device(device)
         self._objects = [_Struck(sound, self.device) for sound in sounds]
-        self._trees = ResidentTrees.of([sound.contacts.surface for sound in sounds], self.device)
+        self._trees = resident_trees([sound.contacts.surface for sound in sounds], self.device)
 
     def strike(
         self,
@@ -84,7 +84,7 @@ class SoundBatch:
         sound = torch.empty(shape, dtype=torch.float32, device=self.device) if out is None else out
         if sound.shape != shape or sound.dtype != torch.float32:
             raise QueryError("out", f"{sound.dtype} {tuple(sound.shape)}", f"Give float32 {shape}.")
-        face, barycentric = self._trees.closest(which, places)
+        face, barycentric = closest(self._trees, which, places)
         heard = None if listener is None else tuple(float(part) for part in listener)
         for index in which.unique().tolist():
             rows = None if len(self._objects) == 1 else torch.nonzero(which == index)[:, 0]
@@ -157,9 +157,9 @@ class Table:
         matrix = oscillators.shift_matrix(oscillators.basis(block * np.arange(blocks)))
         coarse = _interleaved(matrix[0] * first + matrix[1] * second, matrix[2] * first + matrix[3] * second)
         fine = _interleaved(*oscillators.basis(np.arange(block))).T
-        single = np.float32
-        self.onset, self.coarse = upload(onset.astype(single), device), upload(coarse.astype(single), device)
-        self.fine = upload(fine.astype(single), device)
+        self.onset, self.coarse, self.fine = (
+            upload(part, device, np.float32) for part in (onset, coarse, fine)
+        )
         self.columns = upload(source.columns[bank.order], device)
         self.gains = None if source.gains is None else upload(source.gains, device)
         self.observed = None if source.observed is None else upload(source.observed, device)

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
 from objectfolder.batch import contact_bodies, elastic, elastic_bodies
 from objectfolder.batch.pixels import MOST_PIXEL_RAYS, pixel_body
-from objectfolder.batch.resident import ResidentTrees, joined, numbers, object_indices, upload
+from objectfolder.batch.resident import closest, joined, numbers, object_indices, resident_trees, upload
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.patch import FacePatches
@@ -101,22 +101,16 @@ class TouchBatch:
             raise QueryError("precision", f"{precision!r}", "Use 'single' or 'double'.")
         self.device, self.sensor = checked_device(device), sensor
         self.count, self._rays, kind = len(patches), samples * samples, PRECISIONS[precision]
-        self._trees = ResidentTrees.of([patch.surface for patch in patches], self.device)
-        self._faces = self._trees.arrays
+        self._faces = resident_trees([patch.surface for patch in patches], self.device)
         self._surfaces = (
             *self._faces, joined([patch.face_normals for patch in patches], self.device),
             joined([patch.corner_normals for patch in patches], self.device),
         )  # fmt: skip
-        self._diagonals = upload(np.array([patch.diagonal_m for patch in patches]), self.device)
+        self._diagonals = upload([patch.diagonal_m for patch in patches], self.device)
         grid, gel = coverage_grid(sensor, samples), gel_constants(sensor)
         shape = (sensor.image_height, sensor.image_width, 3)
 
-        def real(values: object) -> Tensor:
-            return upload(np.asarray(values, dtype=kind), self.device)
-
-        def double(values: object) -> Tensor:
-            return upload(np.asarray(values, dtype=np.float64), self.device)
-
+        real, double = (partial(upload, device=self.device, kind=part) for part in (kind, np.float64))
         self._gel, self._camera = double(gel), double(sensor.camera_position_m)
         self._housing = double([sensor.housing_low_m, sensor.housing_high_m])
         self._surroundings = surroundings(sensor)
@@ -193,7 +187,7 @@ class TouchBatch:
         touched, shading, normals = (torch.empty_like(places) for _ in range(3))
         counts = torch.empty_like(which)
         radius = self.sensor.contact_radius_m
-        face, barycentric = self._trees.closest(which, places)
+        face, barycentric = closest(self._faces, which, places)
         contact_bodies.find(
             count, which, face, barycentric, *self._surfaces, radius, touched, shading, counts
         )
@@ -214,8 +208,7 @@ class TouchBatch:
             limit = greatest_depth_m(self.sensor)
             force = None if force_n is None else numbers("force_n", force_n, (count,), self.device)
             most = depths if force is None else torch.full_like(depths, limit)
-            images = TouchImages.empty(count, self.sensor, self.device) if out is None else out
-            self._check(images, count)
+            images = self._images(out, count)
             layer = self._layers(cell_m)
             answers = self._press_elastic(layer, which, poses, blocked, most, force, steps, images)
             self._change_surroundings(images, bends=True)
@@ -241,22 +234,24 @@ class TouchBatch:
         self, objects: object, sensor_to_object: object, *, out: TouchImages | None = None
     ) -> TouchImages:
         """Look through the gel at poses (n, 4, 4), wherever they are, as `render_poses` does."""
-        poses = numbers("sensor_to_object", sensor_to_object, _shape_of(sensor_to_object), self.device)
-        which = object_indices(objects, len(poses), self.count, self.device)
+        which, poses = self._at(objects, sensor_to_object)
         return self._see(which, poses, torch.zeros(len(poses), dtype=torch.bool, device=self.device), out)
 
     def penetrations(self, objects: object, sensor_to_object: object) -> Tensor:
         """Return the deepest indentation (n,) of the gel at poses (n, 4, 4), metres, at least 0."""
-        poses = numbers("sensor_to_object", sensor_to_object, _shape_of(sensor_to_object), self.device)
-        which = object_indices(objects, len(poses), self.count, self.device)
+        which, poses = self._at(objects, sensor_to_object)
         depths = torch.empty(len(poses), dtype=torch.float64, device=self.device)
         contact_bodies.penetrate(len(poses), which, poses, *self._faces, self._gel, depths)
         return depths
 
+    def _at(self, objects: object, poses: object) -> tuple[Tensor, Tensor]:
+        count = len(poses)  # type: ignore[arg-type]
+        which = object_indices(objects, count, self.count, self.device)
+        return which, numbers("sensor_to_object", poses, (count, 4, 4), self.device)
+
     def _see(self, which: Tensor, poses: Tensor, blocked: Tensor, out: TouchImages | None) -> TouchImages:
         count = len(which)
-        images = TouchImages.empty(count, self.sensor, self.device) if out is None else out
-        self._check(images, count)
+        images = self._images(out, count)
         starts, rows = self._faces_near(which, poses, blocked, torch.zeros_like(poses[:, 0, 0]))
         room = self._room
         planes = room(rows, contact_bodies.FACE_NUMBERS, kind=self._kind)
@@ -285,9 +280,11 @@ class TouchBatch:
             self._surroundings.cast(picture, depth, mask)
         images.rgb.copy_(torch.from_numpy(pictures))
 
-    def _check(self, images: TouchImages, count: int) -> None:
+    def _images(self, out: TouchImages | None, count: int) -> TouchImages:
+        images = TouchImages.empty(count, self.sensor, self.device) if out is None else out
         if images.mask.shape != (count, self.sensor.image_height, self.sensor.image_width):
             raise QueryError("out", f"shape {tuple(images.mask.shape)}", f"Give room for {count} touches.")
+        return images
 
     def _room(self, *shape: int, kind: torch.dtype = torch.float64) -> Tensor:
         return torch.empty(shape, dtype=kind, device=self.device)
@@ -339,7 +336,3 @@ class TouchBatch:
 def _starts(counts: Tensor) -> Tensor:
     """Return where each of n lists begins in their concatenation, and where the last ends, (n + 1,)."""
     return torch.cat([torch.zeros_like(counts[:1]), torch.cumsum(counts, 0)])
-
-
-def _shape_of(poses: object) -> tuple[int, int, int]:
-    return (len(poses), 4, 4)  # type: ignore[arg-type]
