@@ -46,6 +46,17 @@ def compile_for_cpu() -> None:
     file.strike(points, duration_s=0.1)
 
 
+def require_card(parser: argparse.ArgumentParser) -> None:
+    """End in one line where there is no card, driver or toolkit: recorded results are left as they are."""
+    from objectfolder.batch.targets import checked_device
+    from objectfolder.errors import ObjectFolderError
+
+    try:
+        checked_device("cuda")
+    except ObjectFolderError as error:
+        parser.exit(1, f"{error}\n")
+
+
 PARTS: dict[str, Callable[[Run], Any]] = {
     "touch_speed_single": lambda run: touch_speed(run, "single"),
     "elastic_speed": elastic_speed,
@@ -88,6 +99,8 @@ def main() -> None:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
     if asked.compile:
         return compile_for_cpu()
+    if not asked.cpu:
+        require_card(parser)
     run = Run(asked.cpu, asked.name)
     chosen = [name for name in PARTS if name in (asked.parts or PARTS)]
     # Beside the kernels for the device, which this process compiles meanwhile.

@@ -185,7 +185,7 @@ def checked_device(device: str | torch.device) -> torch.device:
     Raises
     ------
     QueryError
-        A device that is neither a CPU nor a GPU that torch and numba-cuda find.
+        A device that is neither a CPU nor a GPU that torch finds and numba-cuda compiles for.
     """
     try:
         place = torch.device(device)
@@ -196,11 +196,22 @@ def checked_device(device: str | torch.device) -> torch.device:
     if place.type != "cuda" or not torch.cuda.is_available():
         raise QueryError("device", f"torch finds no {place.type} device here", "Use 'cpu'.")
     try:
-        cuda_module().current_context()
+        _launch_nothing()
     except Exception as error:  # numba-cuda and the driver have no common class of errors
-        reason = str(error).strip().splitlines()[-1:] or [type(error).__name__]
-        raise QueryError("device", f"numba-cuda cannot use it: {reason[0]}", "Use 'cpu'.") from error
+        reason = " ".join(str(error).split()).strip(" :.") or type(error).__name__
+        raise QueryError("device", f"numba-cuda cannot use it: {reason}", "Use 'cpu'.") from error
     return place
+
+
+@lru_cache(maxsize=1)
+def _launch_nothing() -> None:
+    """Compile, load and launch a kernel: for that there is a driver, and a toolkit that is not too new."""
+
+    def kernel() -> None:
+        return
+
+    # numba-cuda warns of few blocks.
+    cuda_module().jit(kernel)[LAUNCH_ROWS, BLOCK_THREADS]()
 
 
 @contextmanager

@@ -1,12 +1,15 @@
 """Batches on the CPU device: the loops of the same bodies that a GPU runs, against single queries."""
 
+import sys
+
 import numpy as np
 import pytest
 import torch
 from known_corner import known_corner
 
 import objectfolder
-from objectfolder.batch import Batch, SightBatch, TouchImages, WorldTouch
+from bench.gpu import __main__ as gpu_bench
+from objectfolder.batch import Batch, SightBatch, TouchImages, WorldTouch, targets
 from objectfolder.errors import QueryError
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.truth.press import press
@@ -220,7 +223,26 @@ def test_impossible_queries_name_what_is_wrong(files, monkeypatch):
         touch.see(0, np.eye(4)[None], out=TouchImages.empty(2, touch.sensor, "cpu"))
     with pytest.raises(QueryError, match="both given"):
         touch.press(0, np.zeros((1, 3)), 0.001, force_n=1.0)
+
+
+def test_a_device_that_cannot_be_used_is_one_line(files, monkeypatch, capsys):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     for device in ("cuda", "meta", "abacus"):
         with pytest.raises(QueryError, match="device"):
             Batch(files, device)
+    monkeypatch.setattr(sys, "argv", ["bench.gpu"])
+    with pytest.raises(SystemExit, match="1"):
+        gpu_bench.main()
+    assert capsys.readouterr().err == "device: torch finds no cuda device here. Use 'cpu'.\n"
+
+    def without_driver():
+        raise RuntimeError("Error at driver init:\n\nno driver.\n:\n")
+
+    targets._launch_nothing.cache_clear()
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(targets, "cuda_module", without_driver)
+    with pytest.raises(QueryError) as error:
+        Batch(files, "cuda")
+    assert str(error.value) == (
+        "device: numba-cuda cannot use it: Error at driver init: no driver. Use 'cpu'."
+    )
