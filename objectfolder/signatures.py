@@ -34,13 +34,18 @@ class ShortForm(Generic[Parameters, Result]):
     attribute
         Name of the attribute.
     method
-        The method, of the attribute's class.
+        Returns the method, of the attribute's class: asked for when it is needed, for the class may be in a
+        module that is imported late.
     """
 
-    def __init__(self, attribute: str, method: Callable[Concatenate[Any, Parameters], Result]) -> None:
+    def __init__(
+        self, attribute: str, method: Callable[[], Callable[Concatenate[Any, Parameters], Result]]
+    ) -> None:
         self._attribute = attribute
         self._method = method
-        self.__doc__ = method.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
 
     @overload
     def __get__(self, owner: None, kind: type) -> Callable[Concatenate[Any, Parameters], Result]: ...
@@ -48,6 +53,6 @@ class ShortForm(Generic[Parameters, Result]):
     def __get__(self, owner: object, kind: type) -> Callable[Parameters, Result]: ...
     def __get__(self, owner: object | None, kind: type) -> Callable[..., Result]:
         if owner is None:
-            return self._method
-        bound: Callable[..., Result] = getattr(getattr(owner, self._attribute), self._method.__name__)
+            return self._method()
+        bound: Callable[..., Result] = getattr(getattr(owner, self._attribute), self._name)
         return bound

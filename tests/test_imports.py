@@ -23,18 +23,30 @@ def test_border_modules_import_blender_and_opengl_inside_functions():
         assert package not in at_top
 
 
-def loaded_by(statement: str) -> set[str]:
-    script = f"import sys\n{statement}\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+def modules_loaded_by(statement: str) -> set[str]:
+    script = f"import sys\n{statement}\nprint(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=REPOSITORY
     )
     return set(done.stdout.split())
 
 
+def loaded_by(statement: str) -> set[str]:
+    return {name.partition(".")[0] for name in modules_loaded_by(statement)}
+
+
 def test_opening_and_asking_an_object_file_imports_the_core_alone(small_file):
     ask = f"import objectfolder; objectfolder.load({str(small_file)!r})"
     own = {"objectfolder"} | loaded_by("import numpy, numba, scipy")
     assert loaded_by(ask) - own - sys.stdlib_module_names == set()
+
+
+def test_opening_an_object_file_loads_no_queries(small_file):
+    loaded = modules_loaded_by(f"import objectfolder; objectfolder.load({str(small_file)!r})")
+    assert not {"numba", "scipy"} & loaded
+    own = [name for name in loaded if name.startswith("objectfolder.")]
+    packages = [name for name in own if any(other.startswith(f"{name}.") for other in own)]
+    assert 30 < len(own) - len(packages) <= 60
 
 
 def test_importing_the_library_loads_nothing_heavy():

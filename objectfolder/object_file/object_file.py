@@ -6,14 +6,14 @@ seconds, seconds.
 """
 
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.audionet.audionet import AudioNet
-from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.errors import FormatError
 from objectfolder.forks import hold_forks
 from objectfolder.object_file.container import (
@@ -25,7 +25,6 @@ from objectfolder.object_file.container import (
     parse_description,
     read_container,
 )
-from objectfolder.object_file.html import notebook_card
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from objectfolder.signatures import ShortForm
 from objectfolder.surface.codec import decode_surface
@@ -33,13 +32,35 @@ from objectfolder.surface.contact_surface import ContactSurface
 from objectfolder.surface.convex_parts import ConvexParts, check_parts
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import ClosestPoints, Surface
-from objectfolder.touch.touch_queries import TouchQueries
 from objectfolder.touch.touchnet import TouchNet
 from objectfolder.vision.appearance import THIN
-from objectfolder.vision.visionnet.sight_queries import SightQueries
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
+if TYPE_CHECKING:
+    from objectfolder.audio.synthesis.sound_queries import SoundQueries
+    from objectfolder.touch.touch_queries import TouchQueries
+    from objectfolder.vision.visionnet.sight_queries import SightQueries
+
 SURFACE_TOLERANCE_M = 1e-3
+
+
+# An Object File opens without the queries of its senses, and so without numba, whose import takes 0.5 s.
+def _sight_queries() -> "type[SightQueries]":
+    from objectfolder.vision.visionnet.sight_queries import SightQueries
+
+    return SightQueries
+
+
+def _sound_queries() -> "type[SoundQueries]":
+    from objectfolder.audio.synthesis.sound_queries import SoundQueries
+
+    return SoundQueries
+
+
+def _touch_queries() -> "type[TouchQueries]":
+    from objectfolder.touch.touch_queries import TouchQueries
+
+    return TouchQueries
 
 
 class ObjectFile:
@@ -53,6 +74,8 @@ class ObjectFile:
         The stored surface, metres.
     frame
         The unit frame of the data set's cameras and lights.
+    vision, modes
+        The encoders of sight and of sound.
     sight, sound, touch
         The queries of each sense; `render`, `strike`, `press` and the others are short for theirs. Each has
         its encoder as `net`.
@@ -74,10 +97,10 @@ class ObjectFile:
         self.surface = surface
         self.frame = frame
         self.description = dict(description)
+        self.vision = vision
+        self.modes = modes
+        self._touch = touch
         self._contacts = ContactSurface(surface, SURFACE_TOLERANCE_M)
-        self.sight = SightQueries(surface, frame, vision)
-        self.sound = SoundQueries(modes, self._contacts, self.description)
-        self.touch = TouchQueries(touch, self._contacts)
         self._tensors = dict(tensors)
         self._collision: ConvexParts | None = None  # built when it is asked for
         if self.description.get("collision") is not None:
@@ -103,15 +126,23 @@ class ObjectFile:
         # Of what equal files share and nobody edits; the description is a dictionary, which may change.
         return hash(frozenset((name, tensor.shape) for name, tensor in self._tensors.items()))
 
-    @property
-    def vision(self) -> VisionNet:
-        """The encoder of sight."""
-        return self.sight.net
+    @cached_property
+    @hold_forks
+    def sight(self) -> "SightQueries":
+        """The queries of sight."""
+        return _sight_queries()(self.surface, self.frame, self.vision)
 
-    @property
-    def modes(self) -> AudioNet:
-        """The encoder of sound."""
-        return self.sound.net
+    @cached_property
+    @hold_forks
+    def sound(self) -> "SoundQueries":
+        """The queries of sound."""
+        return _sound_queries()(self.modes, self._contacts, self.description)
+
+    @cached_property
+    @hold_forks
+    def touch(self) -> "TouchQueries":
+        """The queries of touch."""
+        return _touch_queries()(self._touch, self._contacts)
 
     @property
     def surface_tolerance_m(self) -> float:
@@ -287,7 +318,7 @@ class ObjectFile:
         return self._with(description, {**self._tensors, **parts.tensors()})
 
     def _with(self, description: Mapping[str, Any], tensors: Mapping[str, np.ndarray]) -> "ObjectFile":
-        parts = self.surface, self.frame, self.vision, self.modes, self.touch.net
+        parts = self.surface, self.frame, self.vision, self.modes, self._touch
         return ObjectFile(*parts, description, tensors)
 
     def content(self) -> TensorFile:
@@ -362,23 +393,25 @@ class ObjectFile:
         return self._contacts.project(points, name=name)
 
     # The queries of each sense, in short.
-    render = ShortForm("sight", SightQueries.render)
-    render_linear = ShortForm("sight", SightQueries.render_linear)
-    render_passes = ShortForm("sight", SightQueries.render_passes)
-    radiance = ShortForm("sight", SightQueries.radiance)
-    pictures = ShortForm("sight", SightQueries.pictures)
-    sample_views = ShortForm("sight", SightQueries.sample_views)
-    strike = ShortForm("sound", SoundQueries.strike)
-    strikes = ShortForm("sound", SoundQueries.strikes)
-    stream = ShortForm("sound", SoundQueries.stream)
-    rms_velocity = ShortForm("sound", SoundQueries.rms_velocity)
-    mode_velocities = ShortForm("sound", SoundQueries.mode_velocities)
-    press = ShortForm("touch", TouchQueries.press)
-    reach = ShortForm("touch", TouchQueries.reach)
-    sample_contacts = ShortForm("touch", TouchQueries.sample_contacts)
+    render = ShortForm("sight", lambda: _sight_queries().render)
+    render_linear = ShortForm("sight", lambda: _sight_queries().render_linear)
+    render_passes = ShortForm("sight", lambda: _sight_queries().render_passes)
+    radiance = ShortForm("sight", lambda: _sight_queries().radiance)
+    pictures = ShortForm("sight", lambda: _sight_queries().pictures)
+    sample_views = ShortForm("sight", lambda: _sight_queries().sample_views)
+    strike = ShortForm("sound", lambda: _sound_queries().strike)
+    strikes = ShortForm("sound", lambda: _sound_queries().strikes)
+    stream = ShortForm("sound", lambda: _sound_queries().stream)
+    rms_velocity = ShortForm("sound", lambda: _sound_queries().rms_velocity)
+    mode_velocities = ShortForm("sound", lambda: _sound_queries().mode_velocities)
+    press = ShortForm("touch", lambda: _touch_queries().press)
+    reach = ShortForm("touch", lambda: _touch_queries().reach)
+    sample_contacts = ShortForm("touch", lambda: _touch_queries().sample_contacts)
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows; see `notebook_card`."""
+        from objectfolder.object_file.html import notebook_card
+
         return notebook_card(self.sight, self.sound, self.description)
 
 

@@ -12,13 +12,11 @@ import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.air.transfer import TENSOR_NAMES as TRANSFER_TENSORS
-from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.audionet.surface_kernel import (
     KernelParameters,
     SurfaceKernel,
@@ -32,6 +30,9 @@ from objectfolder.products.matrix_coding import unpack_matrix
 from objectfolder.products.stored_values import number, whole_number
 from objectfolder.products.tensor_file import REMEDY
 from objectfolder.surface.surface import ClosestPoints, Surface
+
+if TYPE_CHECKING:
+    from objectfolder.audio.air.transfer import AirTransfer
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -86,7 +87,7 @@ class AudioNet:
         self.radiation_dampings_per_s: Floats | None = tensors.get(f"audio.{RADIATION}")
         described = metadata.get("transfer")
         self.transfer = (
-            None if described is None else AirTransfer.from_tensors(tensors, described, len(self.eigenvalues))
+            None if described is None else _air_transfer(tensors, described, len(self.eigenvalues))
         )
 
     @property
@@ -147,6 +148,8 @@ class AudioNet:
         _check_damping(metadata.get("damping"))
         arrays = _tensors_of(tensors, points, modes)
         if metadata.get("transfer") is not None:
+            from objectfolder.audio.air.transfer import TENSOR_NAMES as TRANSFER_TENSORS
+
             arrays.update((name, tensors[name]) for name in TRANSFER_TENSORS if name in tensors)
         for name in (*MODE_TENSORS, "step", RADIATION):
             values = arrays.get(f"audio.{name}", np.zeros(0))
@@ -290,6 +293,15 @@ def _check_damping(stated: Any) -> None:
         raise FormatError("Object File", finding, f"Its law is one of {', '.join(LAWS)}.")
     for name in set(stated) - {"law"}:
         number(f"audio.damping.{name}", stated[name], -LARGEST_VALUE, LARGEST_VALUE)
+
+
+def _air_transfer(
+    tensors: Mapping[str, np.ndarray], described: Mapping[str, Any], modes: int
+) -> "AirTransfer":
+    # Here and in `from_tensors`: few files need it, and with it SciPy, whose import takes 0.2 s.
+    from objectfolder.audio.air.transfer import AirTransfer
+
+    return AirTransfer.from_tensors(tensors, described, modes)
 
 
 def _counts(metadata: Mapping[str, Any]) -> tuple[int, int, int]:
