@@ -1,4 +1,4 @@
-"""What is counted in the library's code: meanings of a constant's name, parameters of a function."""
+"""What is counted in the library: meanings of a constant, parameters of a function, importers of a module."""
 
 import ast
 from collections import defaultdict
@@ -14,6 +14,9 @@ LIBRARY = Path(objectfolder.__file__).parent
 MOST_PARAMETERS = 8
 # Functions with more of them; the number only falls.
 LONG_SIGNATURES = 20
+# Modules that one other module imports, no package hands on, and no program beside the library imports.
+ONE_IMPORTER = 38
+PROGRAMS = ("pipeline", "bench", "learning")
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +78,32 @@ def test_few_functions_take_more_than_eight_parameters(modules: dict[str, ast.Mo
                     long.append(f"{path}: {node.name}")
     assert count > 1500
     assert len(long) <= LONG_SIGNATURES, "\n".join(long)
+
+
+def imported_modules(code: ast.Module) -> Iterator[str]:
+    """Dotted names of what a module imports of the library, anywhere in it."""
+    for node in ast.walk(code):
+        if isinstance(node, ast.Import):
+            yield from (part.name for part in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+            yield from (f"{node.module}.{part.name}" for part in node.names)
+
+
+def test_few_modules_have_one_importer(modules: dict[str, ast.Module]) -> None:
+    names = {path: f"objectfolder/{path}".removesuffix(".py").replace("/", ".") for path in modules}
+    importers: dict[str, set[str]] = defaultdict(set)
+    for path, module in modules.items():
+        for name in imported_modules(module):
+            importers[name].add(path)
+    for program in PROGRAMS:
+        for source in (LIBRARY.parent / program).rglob("*.py"):
+            for name in imported_modules(ast.parse(source.read_text(encoding="utf-8"))):
+                importers[name].add(str(source))
+    single = [
+        f"{name} by {path}"
+        for name in names.values()
+        if len(importers[name]) == 1 and not (path := min(importers[name])).endswith("__init__.py")
+        if path in modules and path != name
+    ]
+    assert 0 < len(single) <= ONE_IMPORTER, "\n".join(single)

@@ -20,8 +20,7 @@ from objectfolder.query_values import LARGEST_SEED, image_sides, point_rows, req
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.reading import calibrated, checked_background, with_noise
-from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.sensor.stored_sensor import stored_sensor
+from objectfolder.touch.sensor.sensor import Sensor, stored_sensor
 from objectfolder.touch.truth.touches import CONTACTS, Press, Reach, Touches
 
 if TYPE_CHECKING:

@@ -12,8 +12,12 @@ from objectfolder.surface.surface import Surface
 from objectfolder.touch import Press, Sensor, press, read_sensor
 from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import no_contact_image
-from objectfolder.touch.sensor.indentation_response import Cells, IndentationResponse, ResponseField
-from objectfolder.touch.sensor.response_fit import ResponseFit
+from objectfolder.touch.sensor.indentation_response import (
+    Cells,
+    IndentationResponse,
+    ResponseField,
+    ResponseFit,
+)
 from objectfolder.touch.sensor.sensor_file import write_sensor
 
 GELSIGHT = read_sensor("gelsight").at_resolution(80, 60)

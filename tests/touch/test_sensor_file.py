@@ -8,9 +8,8 @@ import pytest
 from objectfolder.errors import FormatError, InputError
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.marker_grid import MarkerGrid
-from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.sensor.sensor import Sensor, stored_sensor
 from objectfolder.touch.sensor.sensor_file import FOLDER, make_table, read_sensor, sensor_names, write_sensor
-from objectfolder.touch.sensor.stored_sensor import stored_sensor
 
 DIGIT = (FOLDER / "digit-tacto.yaml").read_text(encoding="utf-8")
 GELSIGHT = (FOLDER / "gelsight.yaml").read_text(encoding="utf-8")

@@ -23,14 +23,20 @@ from objectfolder.mesh.readers.files import (
 from objectfolder.mesh.readers.material_library import (
     MOST_LIBRARIES,
     ObjMaterial,
+    ScalarMap,
     read_material_library,
 )
-from objectfolder.mesh.readers.obj_images import colour_image, normal_image, scalar_image
 from objectfolder.mesh.readers.polygons import triangulated
 from objectfolder.mesh.readers.textures import (
     TextureReader,
     corner_colour_atlas,
+    holds_normals,
     opaque,
+    scaled_map,
+    scaled_normals,
+    uniform_map,
+    uniform_texture,
+    with_alpha,
 )
 from objectfolder.mesh.readers.vertex_colours import all_white, colour_rows, vertex_colours_of
 
@@ -106,7 +112,7 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
         materials, face_texture = [ObjMaterial()], np.zeros(len(faces), dtype=np.int32)
     remarks += [remark for material in materials for remark in material.remarks]
     reader = TextureReader(str(path))
-    textures = tuple(reader.count(colour_image(material, reader)) for material in materials)
+    textures = tuple(reader.count(_colour_image(material, reader)) for material in materials)
     rows = colour_rows(statements.vertices, remarks)
     plain = all(texture.shape[:2] == (1, 1) for texture in textures)
     has_materials = statements.libraries and any(material.has_colour for material in materials)
@@ -122,9 +128,9 @@ def read_obj(path: Path, *, with_textures: bool = True) -> TexturedMesh:
             np.concatenate([colours, np.ones((len(faces), 3, 1))], axis=2)
         )
         materials, textures, face_texture = [], (opaque(atlas),), np.zeros(len(faces), dtype=np.int32)
-    roughness = [scalar_image(material.roughness_map, material.roughness, reader) for material in materials]
-    normals = [normal_image(material, reader) for material in materials]
-    metallic = [scalar_image(material.metallic_map, material.metallic, reader) for material in materials]
+    roughness = [_scalar_image(material.roughness_map, material.roughness, reader) for material in materials]
+    normals = [_normal_image(material, reader) for material in materials]
+    metallic = [_scalar_image(material.metallic_map, material.metallic, reader) for material in materials]
     return TexturedMesh(
         vertices,
         faces,
@@ -367,3 +373,43 @@ def _material(
         f"{choices})",
         "Add it to the library, or name a texture for the object",
     )
+
+
+def _colour_image(material: ObjMaterial, reader: TextureReader) -> np.ndarray:
+    """Base colour RGBA, opaque but where the material asks for transparency."""
+    if material.texture is not None:
+        texture = opaque(reader.file(material.texture))
+    else:
+        texture = uniform_texture(material.colour)
+    factor = 1.0 if material.opacity is None else material.opacity
+    if material.opacity_map is not None:
+        alpha = _levels(material.opacity_map, reader, of_opacity=True)
+        return with_alpha(texture, scaled_map(alpha, factor))
+    return texture if factor == 1.0 else with_alpha(texture, uniform_map(factor))
+
+
+def _scalar_image(image: ScalarMap | None, value: float | None, reader: TextureReader) -> np.ndarray | None:
+    """Roughness or metallic (h, w) of an image, else of a value; None where there is neither."""
+    if image is not None:
+        return reader.count(_levels(image, reader, of_opacity=False))
+    return None if value is None else uniform_map(value)
+
+
+def _normal_image(material: ObjMaterial, reader: TextureReader) -> np.ndarray | None:
+    """Normals (h, w, 3) in tangent space; None where the material has none, or heights."""
+    image = None
+    if material.normal_map is not None:
+        image = reader.file(material.normal_map)
+    elif material.bump_map is not None and holds_normals(bumps := reader.file(material.bump_map)):
+        image = bumps
+    normals = None if image is None else scaled_normals(image, material.bump_scale)
+    return None if normals is None else reader.count(normals)
+
+
+def _levels(image: ScalarMap, reader: TextureReader, *, of_opacity: bool) -> np.ndarray:
+    """(h, w) uint8 of the channel that holds the quantity."""
+    rgba = reader.file(image.file)
+    if image.channel is not None:
+        return np.ascontiguousarray(rgba[..., image.channel])
+    in_alpha = of_opacity and bool((rgba[..., 3] < 255).any())
+    return np.ascontiguousarray(rgba[..., 3 if in_alpha else 0])

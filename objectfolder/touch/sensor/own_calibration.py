@@ -20,12 +20,10 @@ from objectfolder.touch.sensor.calibration import (
 )
 from objectfolder.touch.sensor.camera import ray_grid
 from objectfolder.touch.sensor.gel import gel_sag
-from objectfolder.touch.sensor.indentation_response import IndentationResponse, ResponseField
+from objectfolder.touch.sensor.indentation_response import IndentationResponse, ResponseField, ResponseFit
 from objectfolder.touch.sensor.magnification import pixels_per_metre
 from objectfolder.touch.sensor.marker_tracking import Tracking, track_markers, without_dots
-from objectfolder.touch.sensor.response_fit import ResponseFit
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.sensor.session_light import LEAST_PRINTS, UNTOUCHED, session_light
 
 SHAPE = (13, 24)
 # Weights among which the photographs that are fitted choose, by leaving some out in turn.
@@ -38,6 +36,9 @@ SHARES = (1.0, 0.5, 0.0)
 ROUGHNESS = (1e-2, 1e-1, 1.0, 10.0)
 UNEVENNESS = (1.0, 30.0)
 BLURS_M = (0.0, 1e-4, 2e-4, 3e-4, 4e-4)
+# Of the contact's radius: what lies farther from every mark is untouched gel.
+UNTOUCHED = 2.2
+LEAST_PRINTS = 3
 # Of few photographs each is left out by itself.
 FOLDS, FEW = 3, 6
 # Of the ball's radius in a photograph.
@@ -150,9 +151,9 @@ def calibrate(
         untouched = without_dots(untouched, markers.rest_hidden)
         pairs = zip(photographs, markers.hidden, strict=True)
         photographs = np.stack([without_dots(picture, hidden) for picture, hidden in pairs])
-    unpressed = session_light(photographs, untouched, [])
+    unpressed = _session_light(photographs, untouched, [])
     prints = find_prints(photographs - unpressed, ball_m * scale)
-    unpressed = session_light(photographs, untouched, prints)
+    unpressed = _session_light(photographs, untouched, prints)
     prints = find_prints(photographs - unpressed, ball_m * scale)
     if markers is not None:
         prints = [markers.fault(index) or circle for index, circle in enumerate(prints)]
@@ -198,6 +199,41 @@ def calibrate(
         *weights,
         markers,
     )
+
+
+def _session_light(
+    photographs: np.ndarray, untouched: np.ndarray, prints: Sequence[Print | str]
+) -> np.ndarray:
+    """What the sensor shows untouched in the photographs' own light (height, width, 3).
+
+    The median of what no mark is near, where three photographs show that of every pixel. Else the untouched
+    picture and a quadratic polynomial of the place, fitted to what no mark is near.
+    """
+    shape = photographs.shape[1:3]
+    circles = [circle for circle in prints if isinstance(circle, Print)]
+    clear = [
+        ~circle.disc(shape, UNTOUCHED) if isinstance(circle, Print) else np.full(shape, not prints)
+        for circle in prints or [""] * len(photographs)
+    ]
+    if circles and (np.sum(clear, axis=0) >= LEAST_PRINTS).all():
+        hidden = np.where(np.array(clear)[..., None], photographs.astype(np.float32), np.nan)
+        return np.asarray(np.nanmedian(hidden, axis=0), dtype=np.float64)
+    down, across = (2 * part / length - 1 for part, length in zip(np.indices(shape), shape, strict=True))
+    terms = np.stack([np.ones(shape), across, down, across**2, across * down, down**2], axis=-1)
+    samples = np.concatenate([terms[unmarked][::13] for unmarked in clear])
+    change = np.concatenate(
+        [
+            (photo.astype(np.float64) - untouched)[unmarked][::13]
+            for photo, unmarked in zip(photographs, clear, strict=True)
+        ]
+    )
+    weight = np.ones(len(samples))
+    # What a mark changes counts little: least absolute errors, by weights.
+    for _ in range(8):
+        root = np.sqrt(weight)[:, None]
+        fitted = np.linalg.lstsq(samples * root, change * root, rcond=None)[0]
+        weight = 1 / np.maximum(np.abs(change - samples @ fitted).sum(axis=1), 3.0)
+    return np.asarray(untouched + terms @ fitted)
 
 
 def _plain(sensor: Sensor) -> Sensor:
