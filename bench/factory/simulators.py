@@ -91,7 +91,7 @@ def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     closed = topology.watertight and topology.consistent
     if not closed:  # as a data set has it: that of the solid that sounds
         filled = fill(surface, name=name)
-        solid = solid_properties(filled.vertices, filled.boundary()[0])
+        solid = solid_properties(filled.vertices, filled.surface.faces)
     density = material.density_kg_m3
     body = RigidBody(
         density * solid.volume_m3, solid.centre_of_mass_m, density * solid.inertia_per_density_m5

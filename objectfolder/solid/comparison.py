@@ -103,8 +103,7 @@ def doubts_of(measures: Measures, solid: Solid) -> list[str]:
     if solid.components > measures.pieces:
         doubts.append(f"{measures.pieces} pieces of the surface became {solid.components} bodies")
     if measures.closed and measures.pieces == 1:
-        boundary = Surface(solid.vertices, solid.boundary()[0])
-        away = boundary.sampled_distance.nearest(measures.local.points)[1]
+        away = solid.surface.sampled_distance.nearest(measures.local.points)[1]
         lost = float(np.mean(away > np.maximum(measures.local.least, 0.01)))
         if lost > 0.01:
             doubts.append(f"{lost:.1%} of the surface is farther from it than its wall is thick")
@@ -113,9 +112,8 @@ def doubts_of(measures: Measures, solid: Solid) -> list[str]:
 
 def _wall_ratio(measures: Measures, solid: Solid) -> float:
     """Median wall thickness of a solid over that of its surface."""
-    boundary = Surface(solid.vertices, solid.boundary()[0])
-    drawn = boundary.sample(2048, 0)
-    across = distances_across(boundary, drawn.points, boundary.face_normals[drawn.face])
+    drawn = solid.surface.sample(2048, 0)
+    across = distances_across(solid.surface, drawn.points, solid.surface.face_normals[drawn.face])
     finite = across[np.isfinite(across)]
     return float(np.median(finite) / measures.median) if len(finite) else 0.0
 
@@ -148,8 +146,7 @@ def _largest_distance(surface: Surface, points: Floats) -> float:
 def differences(solid: Solid, measures: Measures) -> dict[str, Any]:
     """How far a dimensionless solid is from its surface, both ways; lengths in metres."""
     scale = measures.form.diagonal_m
-    points, surface = measures.local.points, measures.form.surface
-    boundary = Surface(solid.vertices, solid.boundary()[0])
+    points, surface, boundary = measures.local.points, measures.form.surface, solid.surface
     forth = boundary.sampled_distance.nearest(points)[1]
     back = surface.sampled_distance.nearest(boundary.sample(len(points), 1).points)[1]
     away = np.concatenate([forth, back]) * scale

@@ -1,6 +1,7 @@
 """A solid as tetrahedra."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,11 @@ class Solid:
     def boundary(self) -> tuple[Integers, Integers, Integers]:
         """Outward boundary triangles (f, 3), the element (f,) and the opposite local corner (f,) of each."""
         return boundary_of(self.tetrahedra)
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The boundary as a surface, metres, outward."""
+        return Surface(self.vertices, self.boundary()[0])
 
 
 def boundary_of(tetrahedra: Integers) -> tuple[Integers, Integers, Integers]:

@@ -359,7 +359,7 @@ def _in_air(
 
 def _rigid(solid: Solid, mass_kg: float) -> dict[str, Any]:
     """Mass, centre and inertia about it of the solid; the latter two are those of straight elements."""
-    straight = solid_properties(solid.vertices, solid.boundary()[0])
+    straight = solid_properties(solid.vertices, solid.surface.faces)
     return {
         "mass_kg": mass_kg,
         "centre_of_mass_m": straight.centre_of_mass_m.tolist(),

@@ -120,10 +120,8 @@ def space_on(solid: Solid, order: int, length: float, *, bend: bool = False) -> 
     space = Space.on(solid.vertices / length, solid.tetrahedra, order)
     if not bend or solid.target is None or order < GEOMETRY_ORDER:
         return space, {"curved_elements": 0}
-    faces, _, _ = solid.boundary()
-    normals = Surface(solid.vertices, faces).face_normals
     target = Surface(solid.target.vertices / length, solid.target.faces)
-    return curve(space, faces, normals, target)
+    return curve(space, solid.surface.faces, solid.surface.face_normals, target)
 
 
 def solve_spectrum(
