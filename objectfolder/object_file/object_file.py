@@ -74,8 +74,6 @@ class ObjectFile:
         The stored surface, metres.
     frame
         The unit frame of the data set's cameras and lights.
-    vision, modes
-        The encoders of sight and of sound.
     sight, sound, touch
         The queries of each sense; `render`, `strike`, `press` and the others are short for theirs. Each has
         its encoder as `net`.
@@ -97,9 +95,7 @@ class ObjectFile:
         self.surface = surface
         self.frame = frame
         self.description = dict(description)
-        self.vision = vision
-        self.modes = modes
-        self._touch = touch
+        self._nets = vision, modes, touch
         self._contacts = ContactSurface(surface, SURFACE_TOLERANCE_M)
         self._tensors = dict(tensors)
         self._collision: ConvexParts | None = None  # built when it is asked for
@@ -130,19 +126,30 @@ class ObjectFile:
     @hold_forks
     def sight(self) -> "SightQueries":
         """The queries of sight."""
-        return _sight_queries()(self.surface, self.frame, self.vision)
+        return _sight_queries()(self.surface, self.frame, self._nets[0])
 
     @cached_property
     @hold_forks
     def sound(self) -> "SoundQueries":
         """The queries of sound."""
-        return _sound_queries()(self.modes, self._contacts, self.description)
+        return _sound_queries()(self._nets[1], self._contacts, self.description)
 
     @cached_property
     @hold_forks
     def touch(self) -> "TouchQueries":
         """The queries of touch."""
-        return _touch_queries()(self._touch, self._contacts)
+        return _touch_queries()(self._nets[2], self._contacts)
+
+    @property
+    def vision(self) -> VisionNet:
+        """The encoder of sight."""
+        return self.sight.net
+
+    @property
+    def modes(self) -> AudioNet:
+        """The encoder of sound."""
+        # What is asked for its modes alone, as by `repr`, needs no queries of sound, and so no numba.
+        return self.sound.net if "sound" in vars(self) else self._nets[1]
 
     @property
     def surface_tolerance_m(self) -> float:
@@ -318,7 +325,7 @@ class ObjectFile:
         return self._with(description, {**self._tensors, **parts.tensors()})
 
     def _with(self, description: Mapping[str, Any], tensors: Mapping[str, np.ndarray]) -> "ObjectFile":
-        parts = self.surface, self.frame, self.vision, self.modes, self._touch
+        parts = self.surface, self.frame, self.vision, self.modes, self.touch.net
         return ObjectFile(*parts, description, tensors)
 
     def content(self) -> TensorFile:
