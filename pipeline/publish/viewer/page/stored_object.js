@@ -46,8 +46,8 @@
         pressDepth: header.touch.depth_m,
         note:
           "Drawn in your browser from what is stored for this page: colours without shadows, and what the " +
-          "Object File says of a blow or a press at the nearest of some hundred places. `objectfolder view` asks it " +
-          "anywhere, at any depth.",
+          "Object File says of a blow or a press at the nearest of some hundred places. The command objectfolder view " +
+          "asks it anywhere, at any depth.",
       };
     }
 
