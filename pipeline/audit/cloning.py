@@ -56,12 +56,12 @@ def clone(address: str, folder: Path, branch: str | None = None) -> None:
 
 def _watch(process: subprocess.Popen[str], address: str, folder: Path) -> None:
     """Wait until a clone has ended, or raise `InputError` where it goes beyond what is taken."""
-    before, changed = (0, 0), time.monotonic()
-    ended = False
-    while not ended:
+    before, change_s = (0, 0), time.monotonic()
+    is_over = False
+    while not is_over:
         try:
             process.wait(_INTERVAL_S)
-            ended = True
+            is_over = True
         except subprocess.TimeoutExpired:
             pass
         size = bytes_and_files(folder)
@@ -73,8 +73,8 @@ def _watch(process: subprocess.Popen[str], address: str, folder: Path) -> None:
                 "Look at who made it. If you trust it, clone it by git, and name the folder.",
             )
         if size != before:
-            before, changed = size, time.monotonic()
-        elif time.monotonic() - changed > PATIENCE_S:
+            before, change_s = size, time.monotonic()
+        elif time.monotonic() - change_s > PATIENCE_S:
             finding = f"its server has sent nothing for {PATIENCE_S:g} s"
             raise InputError(address, finding, "Try again later, or clone it by git, and name the folder.")
 

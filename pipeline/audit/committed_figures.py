@@ -55,10 +55,10 @@ def _means(text: bytes) -> Attributes:
 
 
 def _nested(flat: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    nested: dict[str, dict[str, Any]] = {}
+    tree: dict[str, dict[str, Any]] = {}
     for key, measure in MEASURES.items():
-        nested.setdefault(measure.sense, {})[measure.name] = _number(flat.get(key))
-    return nested
+        tree.setdefault(measure.sense, {})[measure.name] = _number(flat.get(key))
+    return tree
 
 
 def _number(cell: Any) -> float | None:

@@ -98,20 +98,20 @@ class Comparison:
 
     def stages(self, was: str, object_id: str) -> tuple[tuple[StageChange, ...], list[FidelityChange]]:
         """Return the stages whose products of an object (formerly `was`) changed, and their fidelity."""
-        changed = {kind: pair for kind in self._compared if (pair := self._pair(kind, was, object_id))}
-        if not changed:
+        by_kind = {kind: pair for kind in self._compared if (pair := self._pair(kind, was, object_id))}
+        if not by_kind:
             return (), []
         around = Circumstances(
             (self._old.lock.parameter("seed"), self._new.lock.parameter("seed")),
             (self._old.material(was), self._new.material(object_id)),
             (self._old.materials, self._new.materials),
-            self._digests(changed.get(OBJECTS)),
+            self._digests(by_kind.get(OBJECTS)),
             was != object_id,
         )
         stages: list[StageChange] = []
         measures: list[FidelityChange] = []
         for stage in self._stages:
-            pairs = {kind: changed[kind] for kind in stage.products if kind in changed}
+            pairs = {kind: by_kind[kind] for kind in stage.products if kind in by_kind}
             if pairs:
                 change, more = self._stage(stage, object_id, pairs, around)
                 stages.append(change)
@@ -192,9 +192,9 @@ class Comparison:
                 self._problems.setdefault(kind.folder, folder.problem)
         return old.problem is None and new.problem is None
 
-    def _digests(self, changed: Pair | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _digests(self, by_kind: Pair | None) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the digests of geometry and texture in both versions, if that product changed."""
-        old, new = changed or (None, None)
+        old, new = by_kind or (None, None)
         if old is None or new is None:
             return {}, {}
         try:

@@ -195,15 +195,15 @@ def groups(audit: Audit) -> list[Group]:
     for entry in audit.objects:
         if entry.state in (State.UNCHANGED, State.NOT_COMPARED) and not entry.stages:
             continue
-        failed = [f"{entry.failure.stage}: {entry.failure.error}"] if entry.failure is not None else []
+        errors = [f"{entry.failure.stage}: {entry.failure.error}"] if entry.failure is not None else []
         why = sentences(entry.roots) if entry.state != State.REMOVED else []
         if entry.state == State.CHANGED and not entry.stages:
             why = [FIGURES]
         behind = tuple(change.stage for change in entry.stages if change.follows)
         direct = tuple(change.stage for change in entry.stages if not change.follows)
-        objects_by_key[entry.state, (*failed, *why), direct, behind].append(entry)
-    unsorted = [Group(*key, tuple(objects)) for key, objects in objects_by_key.items()]
-    return sorted(unsorted, key=lambda group: (group.state, len(group.objects), group.objects[0].object_id))
+        objects_by_key[entry.state, (*errors, *why), direct, behind].append(entry)
+    all_groups = [Group(*key, tuple(objects)) for key, objects in objects_by_key.items()]
+    return sorted(all_groups, key=lambda group: (group.state, len(group.objects), group.objects[0].object_id))
 
 
 def sentences(reasons: Sequence[Reason]) -> list[str]:
@@ -289,7 +289,7 @@ def cost(stage_totals: Sequence[StageTotal]) -> str:
         return "nothing"
     if not costed:
         return f"{counted(products, 'product')}; what they took is not noted here"
-    spent = sum(total.cpu_s for total in stage_totals)
-    return f"{counted(products, 'product')} in {spent:.0f} CPU s" + (
+    sum_s = sum(total.cpu_s for total in stage_totals)
+    return f"{counted(products, 'product')} in {sum_s:.0f} CPU s" + (
         f" (known of {costed})" if costed < products else ""
     )

@@ -105,8 +105,8 @@ def _version(
     contents: Contents, object_id: str, stages: Sequence[Stage], old: Version, new: Version, commit: Commit
 ) -> ObjectVersion:
     comparison = Comparison(contents, old, new, stages)
-    changed, _ = comparison.stages(object_id, object_id)
-    seconds = [stage_change.cpu_s for stage_change in changed if stage_change.cpu_s is not None]
+    stage_changes, _ = comparison.stages(object_id, object_id)
+    seconds = [stage_change.cpu_s for stage_change in stage_changes if stage_change.cpu_s is not None]
     product_count = len(_products(new, object_id))
     state = CHANGED if _products(old, object_id) else APPEARED
     if product_count < len(new.folders):
@@ -114,9 +114,9 @@ def _version(
     return ObjectVersion(
         commit,
         state,
-        tuple(stage_change.stage for stage_change in changed),
-        {stage_change.stage: stage_change.new[:SHORT] for stage_change in changed if stage_change.new},
-        tuple(sentences(ObjectChange(object_id, State.CHANGED, stages=changed).roots)),
+        tuple(stage_change.stage for stage_change in stage_changes),
+        {stage_change.stage: stage_change.new[:SHORT] for stage_change in stage_changes if stage_change.new},
+        tuple(sentences(ObjectChange(object_id, State.CHANGED, stages=stage_changes).roots)),
         _fidelity(contents, new, object_id),
         sum(seconds) if seconds else None,
         tuple(map(str, comparison.problems)),

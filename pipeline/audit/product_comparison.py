@@ -65,11 +65,11 @@ class ProductComparison:
     ) -> tuple[Arrays, str]:
         """Compare two products by their values, within the tolerances of the later one."""
         with tempfile.TemporaryDirectory(prefix="objectfolder-audit-") as folder:
-            old, new = (Path(folder) / f"{which}{contents[0].suffix}" for which in (EARLIER, LATER))
+            old, new = (Path(folder) / f"{side}{contents[0].suffix}" for side in (EARLIER, LATER))
             self._contents.place(contents[0], old)
             self._contents.place(contents[1], new)
-            allowed, stored = stored_tolerances(stage.tolerances, descriptions[1], descriptions[0])
-            arrays = Arrays.read(compare(old, new, allowed))
+            own_tolerances, own = stored_tolerances(stage.tolerances, descriptions[1], descriptions[0])
+            arrays = Arrays.read(compare(old, new, own_tolerances))
         counts = arrays.count()
         if counts[DIFFERENT]:
             sentence = f"made from the same, beyond tolerance: {arrays.different()}"
@@ -77,7 +77,7 @@ class ProductComparison:
             sentence = f"made from the same, {counts[WITHIN]} arrays within tolerance, {counts[EQUAL]} equal"
         else:
             sentence = "made from the same, arrays equal, packed otherwise"
-        return arrays, sentence if stored else f"{sentence}; tolerances as declared now, none are stored"
+        return arrays, sentence if own else f"{sentence}; tolerances as declared now, none are stored"
 
 
 def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list[Reason]]:
@@ -89,11 +89,11 @@ def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list
     if not (before.listing and after.listing):
         return Arrays(unread=1), []
     chunks, damage = [], []
-    for which, description in ((EARLIER, before), (LATER, after)):
+    for side, description in ((EARLIER, before), (LATER, after)):
         try:
             chunks.append(description.chunks)
         except ValueError as error:
-            damage.append(_corrupted(which, error))
+            damage.append(_corrupted(side, error))
     if damage:
         return Arrays(unread=1), damage
     differing = {entry[2] for entry in chunks[0] ^ chunks[1]}
@@ -101,5 +101,5 @@ def _by_checksums(before: Description, after: Description) -> tuple[Arrays, list
     return Arrays({name.decode(): DIFFERENT if name in differing else EQUAL for name in sorted(names)}), []
 
 
-def _corrupted(which: str, finding: object) -> Reason:
-    return Reason(CORRUPTED, note=f"the {which} one: {finding}")
+def _corrupted(side: str, finding: object) -> Reason:
+    return Reason(CORRUPTED, note=f"the {side} one: {finding}")

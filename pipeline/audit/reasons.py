@@ -80,9 +80,9 @@ def why(stage: Stage, old: Description, new: Description, around: Circumstances)
         return [Reason(MISLABELLED, note=finding)]
     reasons: list[Reason] = []
     # Most parts of most products are equal: only the others are walked through.
-    changed = {key for key in SECTIONS if old.provenance.get(key) != new.provenance.get(key)}
+    sections = {key for key in SECTIONS if old.provenance.get(key) != new.provenance.get(key)}
     parts = [
-        {key: product.provenance[key] for key in changed if key in product.provenance}
+        {key: product.provenance[key] for key in sections if key in product.provenance}
         for product in (old, new)
     ]
     try:
@@ -102,9 +102,9 @@ def _explained(stage: Stage, difference: Reason, around: Circumstances) -> Itera
     part, name, old, new = difference.kind, difference.name, difference.old, difference.new
     if part == "input":
         if stage.sources is None:
-            kind, _, what = name.partition(".")
-            what = what.removeprefix("digests.")
-            yield Reason(UPSTREAM, f"{kind} ({what})" if what else kind)
+            kind, _, attribute = name.partition(".")
+            attribute = attribute.removeprefix("digests.")
+            yield Reason(UPSTREAM, f"{kind} ({attribute})" if attribute else kind)
         else:
             yield _source(name, old, new, around)
     elif part == "record":
@@ -192,5 +192,5 @@ def _tolerances(old: Any, new: Any) -> list[Reason]:
     if not isinstance(old, Mapping) or not isinstance(new, Mapping):
         return [Reason(TOLERANCE, note="stored in one of the two only")]
     # As parts of a fingerprint, to be compared like them.
-    changed = differences({"parameters": old}, {"parameters": new})
-    return [Reason(TOLERANCE, difference.name, difference.old, difference.new) for difference in changed]
+    sections = differences({"parameters": old}, {"parameters": new})
+    return [Reason(TOLERANCE, difference.name, difference.old, difference.new) for difference in sections]

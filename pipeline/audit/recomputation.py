@@ -80,12 +80,12 @@ def recompute(
     ]
     if count and not candidates:
         raise InputError(version.label, "has no product", "Run `dvc pull`, or name another version.")
-    chosen = random.Random(seed).sample(candidates, min(count, len(candidates)))
+    sample = random.Random(seed).sample(candidates, min(count, len(candidates)))
     results = []
     with tempfile.TemporaryDirectory(prefix="objectfolder-again-") as folder:
         bench = _Bench(Path(folder), contents, version)
         with Child(Path(folder), ChildSettings()) as child:
-            for stage, object_id in chosen:
+            for stage, object_id in sample:
                 started(stage.name, object_id)
                 try:
                     results.append(bench.remake(stage, object_id, child))
@@ -106,7 +106,7 @@ class _Bench:
         descriptions = [self._contents.describe(content) for content in contents]
         parts = descriptions[-1].provenance
         code = code_identity(stage.task.partition(":")[0])
-        changed = _changed(parts, code)
+        code_changes = _changed(parts, code)
         request = Request(
             object_id,
             self._inputs(stage, object_id, parts),
@@ -123,15 +123,15 @@ class _Bench:
         )
         outcome = child.run(call)
         if outcome.failure is not None:
-            finding = "; ".join([outcome.failure.error, *changed])
+            finding = "; ".join([outcome.failure.error, *code_changes])
             return Remade(stage.name, object_id, FAILED, finding, cpu_s=outcome.cpu_s)
         arrays = Arrays()
         for content, target, description in zip(contents, targets, descriptions, strict=True):
-            allowed, _ = stored_tolerances(stage.tolerances, description)
-            arrays += Arrays.read(compare(self._place(content), target, allowed))
+            bounds, _ = stored_tolerances(stage.tolerances, description)
+            arrays += Arrays.read(compare(self._place(content), target, bounds))
             target.unlink()
         verdict = next((candidate for candidate in (DIFFERENT, WITHIN) if arrays.count()[candidate]), EQUAL)
-        finding = "; ".join(filter(None, [arrays.different(), *changed]))
+        finding = "; ".join(filter(None, [arrays.different(), *code_changes]))
         return Remade(stage.name, object_id, verdict, finding, arrays, outcome.cpu_s)
 
     def _content(self, kind: ProductKind, object_id: str) -> Content:
@@ -204,6 +204,6 @@ def _seed(parts: Mapping[str, Any], where: str) -> int:
 def _changed(parts: Mapping[str, Any], code: Mapping[str, str]) -> list[str]:
     """Say where today's code and packages differ from those that a product names."""
     packages = mapping(parts.get("packages"))
-    stored = {"code": mapping(parts.get("code")), "packages": packages}
+    parts_then = {"code": mapping(parts.get("code")), "packages": packages}
     current = {"code": code, "packages": package_versions(packages)}
-    return sentences(differences(stored, current))
+    return sentences(differences(parts_then, current))

@@ -86,8 +86,8 @@ def verify(
     descriptions: dict[tuple[str, str], Description] = {}
     file_count = byte_count = 0
     with ThreadPoolExecutor(AT_ONCE) as pool, tempfile.TemporaryDirectory(prefix="objectfolder-") as scratch:
-        checked = pool.map(lambda item: _check(item, contents, version, Path(scratch)), items)
-        for item, (size, item_findings, description) in zip(items, checked, strict=True):
+        checks = pool.map(lambda item: _check(item, contents, version, Path(scratch)), items)
+        for item, (size, item_findings, description) in zip(items, checks, strict=True):
             file_count, byte_count = file_count + 1, byte_count + size
             findings += item_findings
             if description is not None and item.kind is not None:
@@ -129,10 +129,10 @@ def _items(
             place = contents.root / path / name if lying else contents.path(md5)
             object_id = name.removesuffix(kind.suffix) if kind is not None else ""
             items.append(_Item(f"{path}/{name}", md5, place, kind, object_id))
-    listed = {item.where for item in items}
+    places = {item.where for item in items}
     for folder, kind in kinds.items():
         for object_id, content in version.folders[folder].products.items():
-            if content.path is not None and content.where not in listed:
+            if content.path is not None and content.where not in places:
                 items.append(_Item(content.where, "", content.path, kind, object_id))
     return items, findings
 

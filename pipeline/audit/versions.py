@@ -129,9 +129,9 @@ class Version:
             return frozenset().union(*(version.not_made for version in self.partitions))
         if FAILURES.as_posix() not in self.texts or any(folder.problem for folder in self.folders.values()):
             return frozenset()
-        failed = {object_id for _, object_id in self.reported}
+        ids = {object_id for _, object_id in self.reported}
         with_products = {object_id for folder in self.folders.values() for object_id in folder.products}
-        return frozenset(self.rows) - failed - with_products
+        return frozenset(self.rows) - ids - with_products
 
     def content(self, kind: ProductKind, object_id: str) -> Content | None:
         """Return the content of a product; None for an absent one."""
@@ -152,8 +152,8 @@ class Version:
         A stage that the version does not have at all, or whose products are not known here, says nothing.
         """
         if self.partitions:
-            each = [version.failures(stages) for version in self.partitions]
-            return {object_id: failure for failures in each for object_id, failure in failures.items()}
+            parts = [version.failures(stages) for version in self.partitions]
+            return {object_id: failure for failures in parts for object_id, failure in failures.items()}
         refused = self.records.refused
         failures = {failure.object_id: FailedObject.of(stages[0].name, failure) for failure in refused}
         for stage in stages:
@@ -248,17 +248,17 @@ def _joined(contents: Contents, checkout: Version, versions: Mapping[str, Versio
     }
     outs = {f"{place}{path}": md5 for place, own in versions.items() for path, md5 in own.lock.outs.items()}
     # Of the checkout's lock, what is not of the time before there were partitions.
-    parted = set(map(inside, outs))
-    outs |= {path: md5 for path, md5 in checkout.lock.outs.items() if path not in parted}
+    inner = set(map(inside, outs))
+    outs |= {path: md5 for path, md5 in checkout.lock.outs.items() if path not in inner}
     inputs = read_lock(f"{FOLDER}/{LOCK}", common[LOCK]).parameters if LOCK in common else {}
     paths = (f"{place}{path}" for place, own in versions.items() for path in own.lock.paths)
     lock = Lock(outs, {**partitions[0].lock.parameters, **inputs}, checkout.lock.paths.union(paths))
     texts |= _texts(contents, commit, [lock.table])
-    joined = {
+    whole = {
         name: _joined_folder([own.folders[name] for own in partitions]) for name in partitions[0].folders
     }
     damage = next((version.damage for version in partitions if version.damage), None)
-    return Version(commit, lock, texts, joined, damage, partitions)
+    return Version(commit, lock, texts, whole, damage, partitions)
 
 
 def _joined_folder(folders: Sequence[Folder]) -> Folder:

@@ -43,11 +43,11 @@ def declared() -> dict[str, dict[str, Any]]:
             *({str(path): {"cache": False, "persist": True}} for path in (FAILURES, MANIFEST)),
         ],
     }
-    recorded = {stage.name: _recorded(stage) for stage in stages}
+    folder_stages = {stage.name: _recorded(stage) for stage in stages}
     # After all stages, so that what is finished is recorded before the run ends with an error.
     last = [str(FAILURES), *sorted(str(receipt_path(stage.name)) for stage in stages), "reports/index.html"]
     failures = {"cmd": "exec python -m pipeline.cli failures --retry", "deps": last}
-    return {MADE_BY_ALL: products, **recorded, "failures": failures}
+    return {MADE_BY_ALL: products, **folder_stages, "failures": failures}
 
 
 def _recorded(stage: Stage) -> dict[str, Any]:

@@ -89,12 +89,12 @@ def info(file: ObjectFilePath, /, *, json: Json = False) -> None:
     import objectfolder
     from pipeline.publish.queries.description import info_lines
 
-    opened = objectfolder.load(file)
+    content = objectfolder.load(file)
     if json:
-        described = {**opened.description, "bytes": opened.bytes_by_part()}
-        print(json_text.dumps(described, indent=2, ensure_ascii=False))
+        description = {**content.description, "bytes": content.bytes_by_part()}
+        print(json_text.dumps(description, indent=2, ensure_ascii=False))
     else:
-        print_text("\n".join(info_lines(opened, file)))
+        print_text("\n".join(info_lines(content, file)))
 
 
 def sample(

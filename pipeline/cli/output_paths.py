@@ -62,6 +62,6 @@ def answers_folder(path: Path, *, overwrite: bool) -> Iterator[None]:
             str(path), "holds answers of another run", "Name another folder, or give --overwrite."
         )
     yield
-    for file, written in before.items():
-        if file.stat().st_mtime_ns == written:  # not written again
+    for file, time in before.items():
+        if file.stat().st_mtime_ns == time:  # not written again
             file.unlink()

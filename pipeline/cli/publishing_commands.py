@@ -48,8 +48,8 @@ def cards(root: Root = Path("."), *, output: Annotated[Path | None, Parameter(al
     with status_line("writing cards"):
         from pipeline.publish.data_set import REPORTS, write_cards
 
-        written = write_cards(root, output or root / REPORTS)
-    print_text("\n".join(map(str, written)))
+        paths = write_cards(root, output or root / REPORTS)
+    print_text("\n".join(map(str, paths)))
 
 
 def release(
@@ -117,36 +117,36 @@ def get(
     from pipeline.publish.cards import single_objects
 
     if list_ids:
-        with single_objects.opened(repository, remote) as published:
-            listing = sorted(published.products(single_objects.OBJECT_FILES))
+        with single_objects.opened(repository, remote) as data_set:
+            listing = sorted(data_set.products(single_objects.OBJECT_FILES))
         print_text(json_text.dumps(listing) if json else "\n".join(listing))
         return FINE
     figures: list[dict[str, str | int]] = []
-    outcomes, arrived = [], [0]
+    outcomes, bytes_read = [], [0]
     with on_interrupt(RESUMED), status_line(f"fetching from {repository}") as show:
 
         def progress(count: int) -> None:
-            arrived.append(count)
-            show(f"{sum(arrived) / 1e6:.1f} MB")
+            bytes_read.append(count)
+            show(f"{sum(bytes_read) / 1e6:.1f} MB")
 
-        for got in single_objects.get(
+        for single in single_objects.get(
             repository, ids, output, stages=stage, remote=remote, jobs=jobs, progress=progress
         ):
-            outcomes.append(got.outcome)
-            if got.error:
-                print_error(got.error)
+            outcomes.append(single.outcome)
+            if single.error:
+                print_error(single.error)
                 continue
-            size = got.path.stat().st_size
-            figures.append({"file": str(got.path), "bytes": size, "outcome": got.outcome})
+            size = single.path.stat().st_size
+            figures.append({"file": str(single.path), "bytes": size, "outcome": single.outcome})
             if not json:
-                print_text(f"{got.path}  {size / 1e6:.2f} MB, {got.outcome}")
+                print_text(f"{single.path}  {size / 1e6:.2f} MB, {single.outcome}")
     if json:
         print(json_text.dumps(figures, indent=1))
-    if failed := outcomes.count(single_objects.FAILED):
+    if failures := outcomes.count(single_objects.FAILED):
         print_error(
-            f"{failed} of {len(outcomes)} failed. Run the same command again: it fetches what is missing."
+            f"{failures} of {len(outcomes)} failed. Run the same command again: it fetches what is missing."
         )
-    return FAILED if failed else FINE
+    return FAILED if failures else FINE
 
 
 def export(
@@ -376,7 +376,7 @@ def export_samples(
     """
     from objectfolder.dataset import export_samples as write_samples
 
-    chosen: dict[str, Any] = {"source": "object_file", "queries": queries} if files else {"source": source}
+    arguments: dict[str, Any] = {"source": "object_file", "queries": queries} if files else {"source": source}
     with status_line(f"writing samples of {sense}"):
         counts = write_samples(
             files or root,
@@ -387,7 +387,7 @@ def export_samples(
             passes=passes,
             shard_samples=shard_samples,
             overwrite=overwrite,
-            **chosen,
+            **arguments,
         )
     if json:
         print(json_text.dumps({"folder": str(output), **counts}))

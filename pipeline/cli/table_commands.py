@@ -72,36 +72,36 @@ def add(
         check_new_file(preview, overwrite=overwrite)
     with contextlib.ExitStack() as files:
         with status_line(f"checking {request.mesh}"):
-            checked = files.enter_context(checked_object(request))
-        lines, figures = lines_about(checked), checked.figures()
+            candidate = files.enter_context(checked_object(request))
+        lines, figures = lines_about(candidate), candidate.figures()
         if not json:
             print_text("\n".join(lines))
         if not dry_run:
-            added = put_object(checked, table, replace=replace)
+            addition = put_object(candidate, table, replace=replace)
     if not dry_run:
-        count = len(checked.layout.files)
+        count = len(candidate.layout.files)
         figures |= {
             "table": str(table),
-            "folder": str(added.folder),
+            "folder": str(addition.folder),
             "files": count,
-            "changed": added.changed,
+            "changed": addition.changed,
         }
-        what = "added to" if added.changed else "is in"
+        verb = "added to" if addition.changed else "is in"
         if not json:
             print_text(
-                f"{checked.object_id} {what} {table}; {count} file{'s'[: count > 1]} in {added.folder}"
+                f"{candidate.object_id} {verb} {table}; {count} file{'s'[: count > 1]} in {addition.folder}"
             )
-        preview = preview or added.folder.parent / f"{checked.object_id}.png"
+        preview = preview or addition.folder.parent / f"{candidate.object_id}.png"
     if preview and not no_preview:
         figures["picture"] = str(preview)
         with status_line("drawing a picture"):
-            preview_of(checked, preview, lines)
+            preview_of(candidate, preview, lines)
         if not json:
             print_text(f"picture      {preview}")
     if json:
         print(json_text.dumps(figures, indent=1))
     elif not dry_run:
-        print_text(f"next         make dataset OBJECTS={table} ONLY={checked.object_id}")
+        print_text(f"next         make dataset OBJECTS={table} ONLY={candidate.object_id}")
 
 
 def check(
@@ -203,37 +203,37 @@ def _fetch(
         rows = [row for _, row in read_rows(table)[1]]
     except InputError:
         rows = []  # a table that was not asked for need not be there
-    fetched, failed = [], []
+    objects, failures = [], []
     for number, (source_id, outcome) in enumerate(fetcher.fetch_all(ids, resolutions), start=1):
         count = f"{number}/{len(ids)} " if len(ids) > 1 else ""
         if isinstance(outcome, ObjectFolderError):
-            failed.append(f"  {source_id}: {outcome.finding}")
+            failures.append(f"  {source_id}: {outcome.finding}")
             print_error(f"{count}{outcome}")
             continue
-        fetched.append(outcome)
+        objects.append(outcome)
         if not json:
             print_text(f"{count}{lines_of(outcome)}")
     if json:
-        print(json_text.dumps([entry.figures() for entry in fetched], indent=1))
-    elif rows_and_count := summary(fetched, table, rows, len(ids)):
+        print(json_text.dumps([entry.figures() for entry in objects], indent=1))
+    elif rows_and_count := summary(objects, table, rows, len(ids)):
         print_text(rows_and_count)
-    if failed and len(ids) > 1:
-        print_error(f"{len(failed)} of {len(ids)} failed; the same command resumes:")
-        print_error("\n".join(failed))
-    return FAILED if failed else FINE
+    if failures and len(ids) > 1:
+        print_error(f"{len(failures)} of {len(ids)} failed; the same command resumes:")
+        print_error("\n".join(failures))
+    return FAILED if failures else FINE
 
 
 def _list_missing(
     fetcher: "Fetcher", ids: tuple[str, ...], resolutions: "Resolutions", table: Path, *, json: bool
 ) -> int:
     """Print addresses and sizes of absent files; lists of files are fetched, files are not."""
-    failed = total = unknown = 0
+    failures = total = unknown = 0
     figures: list[dict[str, str | int | None]] = []
     for source_id in ids:
         try:
             missing = fetcher.missing(resolutions.source_object(source_id))
         except ObjectFolderError as error:
-            failed += 1
+            failures += 1
             print_error(error)
             continue
         if not json:
@@ -249,7 +249,7 @@ def _list_missing(
         print(json_text.dumps(figures, indent=1))
     else:
         print_text(f"{total / 1e6:.1f} MB{f' and {unknown} files of unknown size' if unknown else ''}")
-    return FAILED if failed else FINE
+    return FAILED if failures else FINE
 
 
 def _progress(url: str, count: int, total: int | None) -> str:

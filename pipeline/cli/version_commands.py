@@ -56,7 +56,7 @@ def audit(
 
     if html:
         check_new_file(html, overwrite=overwrite)
-    stages, allowed = tuple(STAGES.values()), thresholds(max_loss)
+    stages, most = tuple(STAGES.values()), thresholds(max_loss)
     gc.disable()  # among a million dictionaries without reference cycles, to search for these takes seconds
     try:
         with (
@@ -67,14 +67,14 @@ def audit(
             result = Comparison(contents, before, after, stages, arrays).audit()
     finally:
         gc.enable()
-    too_much = exceeded(result.fidelity, allowed)
+    too_much = exceeded(result.fidelity, most)
     if html:
-        write_page(html, result, audit_text(result, too_much, allowed, 120, whole=True))
+        write_page(html, result, audit_text(result, too_much, most, 120, whole=True))
     if json:
-        more = {"stages": totals(result), "max_loss": allowed, "exceeded": too_much}
+        more = {"stages": totals(result), "max_loss": most, "exceeded": too_much}
         print(as_json(vars(result) | more))
     else:
-        print_text(audit_text(result, too_much, allowed, terminal_width()))
+        print_text(audit_text(result, too_much, most, terminal_width()))
     if result.problems:
         print_error(
             f"not all could be compared ({len(result.problems)} could not be read), so more may have "

@@ -118,9 +118,9 @@ class OneProcess:
             try:
                 return self._child.run(job.call, job.memory_bytes), tries
             except ProcessKilled as error:
-                killed = str(error)
+                reason = str(error)
         remedy = "Out of memory, most likely: lower the settings of this stage."
-        return failed(job, f"{killed}, {MOST_KILLS_HERE} times", remedy), MOST_KILLS_HERE
+        return failed(job, f"{reason}, {MOST_KILLS_HERE} times", remedy), MOST_KILLS_HERE
 
 
 @contextlib.contextmanager

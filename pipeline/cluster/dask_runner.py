@@ -159,15 +159,15 @@ class DaskRunner:
 
     def _begin_waiting(self) -> bool:
         """Hand the most urgent tasks that wait here to Dask, as far as it takes them; return whether any."""
-        begun = False
+        any_begun = False
         for needs, tasks in self._waiting.items():
             if needs not in self._most:
                 threads = self._workers.threads_that_offer(needs)
                 self._most[needs] = max(FEWEST_TASKS, TASKS_A_THREAD * threads)
             while tasks and self._begun[needs] < self._most[needs]:
                 self._begin(heapq.heappop(tasks)[-1])
-                begun = True
-        return begun
+                any_begun = True
+        return any_begun
 
     def _begin(self, task: _Task) -> None:
         self._tasks.add(task)

@@ -50,24 +50,26 @@ def environment_here(packages: Iterable[str], modules: Iterable[str]) -> Environ
 
 def environment_of(stages: Iterable[Any]) -> Environment:
     """Return the environment that the driver's fingerprints of `stages` name."""
-    wanted = [(stage.packages, stage.task.partition(":")[0]) for stage in stages]
-    return environment_here({name for names, _ in wanted for name in names}, [task for _, task in wanted])
+    requirement = [(stage.packages, stage.task.partition(":")[0]) for stage in stages]
+    return environment_here(
+        {name for names, _ in requirement for name in names}, [task for _, task in requirement]
+    )
 
 
-def differences_of(wanted: Environment, found: Environment) -> list[str]:
+def differences_of(requirement: Environment, found: Environment) -> list[str]:
     """Return what differs, one sentence part each; empty where the worker may work."""
     before, now = (
         {
             "packages": {"Python": entry.python, **entry.packages},
             "code": {name: digest for digests in entry.code.values() for name, digest in digests.items()},
         }
-        for entry in (wanted, found)
+        for entry in (requirement, found)
     )
-    changed = differences(before, now)
+    changes = differences(before, now)
     parts = [
-        f"{entry.name} {entry.new} instead of {entry.old}" for entry in changed if entry.kind == "package"
+        f"{entry.name} {entry.new} instead of {entry.old}" for entry in changes if entry.kind == "package"
     ]
-    if modules := [entry.name for entry in changed if entry.kind == "code"]:
+    if modules := [entry.name for entry in changes if entry.kind == "code"]:
         more = f" and {len(modules) - NAMED} more" if len(modules) > NAMED else ""
         parts.append(f"other code in {', '.join(modules[:NAMED])}{more}")
     return parts
@@ -75,8 +77,8 @@ def differences_of(wanted: Environment, found: Environment) -> list[str]:
 
 def main() -> None:
     """Say on standard output what differs here from the environment on standard input, in one line."""
-    wanted = Environment.model_validate_json(sys.stdin.read())
-    print(", ".join(differences_of(wanted, environment_here(wanted.packages, wanted.code))))
+    requirement = Environment.model_validate_json(sys.stdin.read())
+    print(", ".join(differences_of(requirement, environment_here(requirement.packages, requirement.code))))
 
 
 if __name__ == "__main__":

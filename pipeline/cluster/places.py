@@ -126,8 +126,8 @@ class Place(BaseModel):
         from dask.utils import parse_bytes
 
         hosts = len(self.kwargs.get("hosts", [])[1:]) or self.kwargs.get("n_workers", 1)
-        stated = self.kwargs.get("memory")
-        memory_gb = self.memory_gb or (USABLE * parse_bytes(stated) / 1e9 if stated else None)
+        memory = self.kwargs.get("memory")
+        memory_gb = self.memory_gb or (USABLE * parse_bytes(memory) / 1e9 if memory else None)
         tasks = self.kwargs.get("cores") or self.kwargs.get("threads_per_worker")
         return self.adapt.maximum if self.adapt else hosts, tasks, int(memory_gb * 1e9) if memory_gb else None
 
@@ -160,6 +160,6 @@ def read_place(root: Path, named: str | None = None) -> Place:
         return validated(str(path), Place, read_yaml(path) or {})
     if named == DEFAULT:
         return Place()
-    names = sorted(found.stem for found in (root / FOLDER).glob("*.yaml"))
+    names = sorted(file.stem for file in (root / FOLDER).glob("*.yaml"))
     remedy = f"Set {PLACE} to one of {', '.join(names) or '-'}, to a YAML file, or to an address."
     raise InputError(str(path), "is no place", remedy)

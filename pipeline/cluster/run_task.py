@@ -94,12 +94,12 @@ def _ended_if_given_up(key: str, child: Child) -> Iterator[None]:
 
 def _child(root: Path, settings: ChildSettings) -> Child:
     """Return the child of this thread; a worker may see several runs, each with its own settings."""
-    made = getattr(_of_thread, "made", None)
-    if made is None or made[0] != (root, settings):
-        if made is not None:
-            made[1].__exit__()
-        made = _of_thread.made = ((root, settings), Child(root, settings))
-    child: Child = made[1]
+    entry = getattr(_of_thread, "made", None)
+    if entry is None or entry[0] != (root, settings):
+        if entry is not None:
+            entry[1].__exit__()
+        entry = _of_thread.made = ((root, settings), Child(root, settings))
+    child: Child = entry[1]
     return child
 
 

@@ -119,8 +119,8 @@ async def _ended_jobs(cluster: Any) -> dict[Any, str]:
     """Return the jobs of Slurm that ended before their worker connected, by its name: Dask waits for them."""
     if getattr(getattr(cluster, "job_cls", None), "submit_command", "") != "sbatch":
         return {}
-    connected = {worker["name"] for worker in cluster.scheduler_info["workers"].values()}
-    jobs = {name: worker.job_id for name, worker in cluster.workers.items() if name not in connected}
+    present = {worker["name"] for worker in cluster.scheduler_info["workers"].values()}
+    jobs = {name: worker.job_id for name, worker in cluster.workers.items() if name not in present}
     if not jobs:
         return {}
     command = ["squeue", "--noheader", "--format=%i", f"--user={os.getuid()}"]
@@ -151,12 +151,12 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
     except ImportError as error:
         package = (error.name or module).partition(".")[0]
         extra = EXTRAS.get(package)
-        wanted = f"'objectfolder-factory[{extra}]'" if extra else package.replace("_", "-")
+        requirement = f"'objectfolder-factory[{extra}]'" if extra else package.replace("_", "-")
         finding = f"the package {package} is not installed"
-        raise InputError(f"{module}.{name}", finding, f"pip install {wanted}") from error
+        raise InputError(f"{module}.{name}", finding, f"pip install {requirement}") from error
     except AttributeError as error:
-        known = dir(importlib.import_module(module))
-        remedy = did_you_mean(name, known, "Correct class and module of the place.")
+        names = dir(importlib.import_module(module))
+        remedy = did_you_mean(name, names, "Correct class and module of the place.")
         raise InputError(f"{module}.{name}", "there is no such class", remedy) from error
     return target
 
@@ -173,10 +173,10 @@ def check_arguments(kind: Any, place: Place) -> None:
 
     classes = (kind, getattr(kind, "job_cls", kind), SpecCluster, Nanny, Worker)
     takers = {taker for entry in classes for taker in (entry, *getattr(entry, "__mro__", ()))}
-    known = {name for taker in takers for name in inspect.signature(taker).parameters}
+    names = {name for taker in takers for name in inspect.signature(taker).parameters}
     for name in place.kwargs:
-        if name not in known:
-            remedy = did_you_mean(name, known, f"See the documentation of {place.starts}.")
+        if name not in names:
+            remedy = did_you_mean(name, names, f"See the documentation of {place.starts}.")
             raise InputError(place.starts, f"unknown argument kwargs.{name}", remedy)
 
 
@@ -240,11 +240,11 @@ def _ssh(kind: Any, arguments: dict[str, Any], security: Any) -> Any:
     from distributed.deploy.ssh import Worker
 
     _imported("asyncssh", "connect")
-    encrypted = {"protocol": "tls", "security": tls.as_mapping(security)} if security else {}
+    security_settings = {"protocol": "tls", "security": tls.as_mapping(security)} if security else {}
     hosts = arguments.pop("hosts")
-    scheduler = {"dashboard_address": PRIVATE_DASHBOARD, "idle_timeout": IDLE, **encrypted}
+    scheduler = {"dashboard_address": PRIVATE_DASHBOARD, "idle_timeout": IDLE, **security_settings}
     scheduler |= arguments.pop("scheduler_options", {})
-    worker = {"memory_limit": 0, "dashboard": False, "death_timeout": GONE_S, **encrypted}
+    worker = {"memory_limit": 0, "dashboard": False, "death_timeout": GONE_S, **security_settings}
     worker |= arguments.pop("worker_options", {})
     cluster = kind(hosts[:1], scheduler_options=scheduler, security=security, **arguments)
     options = {

@@ -65,18 +65,18 @@ class Workers:
             infos = self.client.scheduler_info(n_workers=-1)["workers"]
         except OSError as error:
             raise gone() from error
-        admitted = {
+        offers = {
             address: worker["resources"]
             for address, worker in infos.items()
             if worker["resources"].get(self.name)
         }
-        if admitted.keys() != self._admitted.keys():
+        if offers.keys() != self._admitted.keys():
             self._changed_at = now
-        self._admitted = admitted
-        self.threads = sum(infos[address]["nthreads"] for address in admitted)
-        if not admitted:
-            refused = [why for address, why in list(self._refused.items()) if address in infos]
-            self._check_wait(now - self._changed_at, refused if len(refused) == len(infos) else [])
+        self._admitted = offers
+        self.threads = sum(infos[address]["nthreads"] for address in offers)
+        if not offers:
+            reasons = [why for address, why in list(self._refused.items()) if address in infos]
+            self._check_wait(now - self._changed_at, reasons if len(reasons) == len(infos) else [])
         return True
 
     def largest_bytes(self, needs: Collection[str]) -> int:
@@ -93,16 +93,16 @@ class Workers:
             return ""
         if time.monotonic() - self._changed_at < self.pools_s:
             return ""
-        offered = {pool for worker in self._admitted.values() for pool in worker if worker[pool]}
-        return ", ".join(sorted(set(needs) - offered)) or "all it needs in one place"
+        pools = {pool for worker in self._admitted.values() for pool in worker if worker[pool]}
+        return ", ".join(sorted(set(needs) - pools)) or "all it needs in one place"
 
     def _able(self, needs: Collection[str]) -> list[Mapping[str, float]]:
         return [worker for worker in self._admitted.values() if all(worker.get(need) for need in needs)]
 
-    def _check_wait(self, waited_s: float, refused: Collection[str]) -> None:
+    def _check_wait(self, waited_s: float, reasons: Collection[str]) -> None:
         """Print that no worker has joined; end the run where none can be expected any more."""
-        if refused and waited_s >= self.pools_s:
-            raise SimulationError("cluster", "no worker may work", "; ".join(sorted(set(refused))))
+        if reasons and waited_s >= self.pools_s:
+            raise SimulationError("cluster", "no worker may work", "; ".join(sorted(set(reasons))))
         if self.workers_s is not None and waited_s >= self.workers_s:
             raise SimulationError(
                 "cluster",

@@ -156,8 +156,8 @@ def read_chunk(archive: zipfile.ZipFile, name: str, arrays: Mapping[str, dict[st
         raise ValueError(f"entry {name!r} is no part of a product")
     if archive.getinfo(name).compress_type != zipfile.ZIP_STORED:
         raise ValueError(f"entry {name} is compressed twice")
-    content, (expected, _) = archive.read(name), described_bytes(array, arrays[array])
-    declared = int.from_bytes(content[4:8], "little")
-    if len(content) < BLOSC_HEADER_BYTES or declared != expected:
-        raise ValueError(f"entry {name} holds {declared} bytes where {expected} are described")
+    content, (byte_count, _) = archive.read(name), described_bytes(array, arrays[array])
+    length = int.from_bytes(content[4:8], "little")
+    if len(content) < BLOSC_HEADER_BYTES or length != byte_count:
+        raise ValueError(f"entry {name} holds {length} bytes where {byte_count} are described")
     return content

@@ -165,8 +165,8 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
                         f"has {len(cells)} cells for {len(columns)} columns",
                         "Put cells that contain commas in double quotes",
                     )
-                padded = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
-                rows.append((reader.line_num, dict(zip(columns, padded, strict=True))))
+                row_cells = [cell.strip() for cell in cells] + [""] * (len(columns) - len(cells))
+                rows.append((reader.line_num, dict(zip(columns, row_cells, strict=True))))
     except (csv.Error, UnicodeDecodeError) as problem:
         raise InputError(
             str(path), f"is not a CSV table in UTF-8 ({problem})", "Export it again"
@@ -177,9 +177,9 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
 
 
 def _check_columns(path: Path, columns: list[str]) -> None:
-    repeated = {name for name in columns if name in COLUMNS and columns.count(name) > 1}
-    if repeated:
-        raise InputError(str(path), f"repeats the column {', '.join(sorted(repeated))}", "Keep one of them")
+    doubles = {name for name in columns if name in COLUMNS and columns.count(name) > 1}
+    if doubles:
+        raise InputError(str(path), f"repeats the column {', '.join(sorted(doubles))}", "Keep one of them")
     for name in COLUMNS:
         near = difflib.get_close_matches(
             name, [column for column in columns if column not in COLUMNS], 1, 0.85

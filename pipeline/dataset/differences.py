@@ -36,12 +36,12 @@ class Reason:
         return str(self)
 
     def __str__(self) -> str:
-        what = f"{self.kind} {self.name}".strip()
+        words = f"{self.kind} {self.name}".strip()
         if self.kind in DIGESTS:
-            what += " is new" if self.old == ABSENT else " is gone" if self.new == ABSENT else " changed"
+            words += " is new" if self.old == ABSENT else " is gone" if self.new == ABSENT else " changed"
         elif self.old is not None or self.new is not None:
-            what += f" {_shown(self.old)} -> {_shown(self.new)}"
-        return f"{what} ({self.note})" if self.note else what
+            words += f" {_shown(self.old)} -> {_shown(self.new)}"
+        return f"{words} ({self.note})" if self.note else words
 
 
 SECTIONS = {

@@ -96,15 +96,15 @@ def write_failures(
         earlier = read_failures(root)
     run_stages = {stage.name: stage for stage in stages}
     all_stages = {**STAGES, **run_stages}
-    unaffected = (entry for entry in earlier if entry.object in others or entry.stage not in run_stages)
-    all_failures = [*unaffected, *failures]
-    failed = {(failure.object, failure.stage) for failure in all_failures}
+    rest = (entry for entry in earlier if entry.object in others or entry.stage not in run_stages)
+    all_failures = [*rest, *failures]
+    keys = {(failure.object, failure.stage) for failure in all_failures}
     order = list(all_stages | dict.fromkeys(failure.stage for failure in all_failures))
     entries = [
         asdict(failure) | {"error": failure.error.replace(f"{root}/", "")}
         for failure in sorted(all_failures, key=lambda failure: (failure.object, order.index(failure.stage)))
         if failure.stage not in all_stages
-        or not any((failure.object, before) in failed for before in all_stages[failure.stage].follows)
+        or not any((failure.object, before) in keys for before in all_stages[failure.stage].follows)
     ]
     write_whole(root / FAILURES, json.dumps(entries, indent=1, ensure_ascii=False) + "\n")
 
@@ -120,8 +120,8 @@ def ask_for_retry(root: Path, failures: Sequence[FailedObject]) -> None:
         number = int(json.loads(read_regular(path))["round"])
     except (OSError, ValueError, TypeError, KeyError):
         number = 0
-    failed = sorted({f"{failure.stage} {failure.object}" for failure in failures})
-    write_whole(path, json.dumps({"round": number + 1, "failed": failed}, indent=1) + "\n")
+    keys = sorted({f"{failure.stage} {failure.object}" for failure in failures})
+    write_whole(path, json.dumps({"round": number + 1, "failed": keys}, indent=1) + "\n")
 
 
 def failure_table(failures: Sequence[FailedObject], width: int | None = None) -> str:

@@ -49,29 +49,29 @@ class Entry:
     failure: str = ""
 
 
-def list_products(root: Path, stages: Iterable[Stage], verified: Verified) -> list[Entry]:
+def list_products(root: Path, stages: Iterable[Stage], states: Verified) -> list[Entry]:
     """Return the products that lie in the folders of `stages`; files that cannot be read are left out."""
     entries = []
     for stage in stages:
         for kind in stage.products:
             paths = {object_id: kind.path(root, object_id) for object_id in kind.object_ids(root)}
-            verified.md5s(paths.values())  # several at once
+            states.md5s(paths.values())  # several at once
             for object_id, path in paths.items():
                 with contextlib.suppress(FormatError, FileNotFoundError):
-                    content = verified.identity(path)
+                    content = states.identity(path)
                     entries.append(Entry(object_id, stage.name, f"{kind.folder}/{path.name}", *content))
     return entries
 
 
 def write_manifest(
-    root: Path, stages: Sequence[Stage], failures: Iterable[FailedObject], verified: Verified
+    root: Path, stages: Sequence[Stage], failures: Iterable[FailedObject], states: Verified
 ) -> list[Entry]:
     """Write ``data/products.csv`` and ``data/manifest.json`` of what lies in the folders now; return it."""
-    failed = (
+    absences = (
         Entry(failure.object, failure.stage, "", failure.fingerprint, failure=failure.error)
         for failure in failures
     )
-    entries = [*list_products(root, stages, verified), *failed]
+    entries = [*list_products(root, stages, states), *absences]
     _write_entries(root, entries)
     summary = {
         stage.name: _summary([entry for entry in entries if entry.stage == stage.name]) for stage in stages
@@ -118,32 +118,32 @@ def forget(root: Path, tasks: Collection[tuple[str, str]]) -> None:
         _write_lines(root, header, (line for line in lines if tuple(line[i] for i in place) not in tasks))
 
 
-def is_listed(root: Path, stage: Stage, entries: Mapping[str, Entry], verified: Verified) -> bool:
+def is_listed(root: Path, stage: Stage, entries: Mapping[str, Entry], states: Verified) -> bool:
     """Whether the folders of a stage hold the products that the manifest lists, and no others."""
-    listed = {path for path, entry in entries.items() if entry.stage == stage.name}
+    paths_listed = {path for path, entry in entries.items() if entry.stage == stage.name}
     present = {
         kind.path(root, object_id).relative_to(root).as_posix()
         for kind in stage.products
         for object_id in kind.object_ids(root)
     }
     folders = all((root / kind.folder).is_dir() for kind in stage.products)
-    if not folders or listed != present:
+    if not folders or paths_listed != present:
         return False
     try:
-        return all(verified.md5(root / path) == entries[path].md5 for path in listed)
+        return all(states.md5(root / path) == entries[path].md5 for path in paths_listed)
     except FormatError:
         return False
 
 
 def _summary(entries: Sequence[Entry]) -> dict[str, str | int]:
     """Return what the stages of ``dvc.yaml`` hang on."""
-    made = [entry for entry in entries if entry.path]
+    with_path = [entry for entry in entries if entry.path]
     lines = [vars(entry) for entry in sorted(entries, key=_order)]
     return {
         "digest": fingerprint({"entries": lines})[:32],
-        "products": len(made),
-        "bytes": sum(entry.bytes for entry in made),
-        "failed": len(entries) - len(made),
+        "products": len(with_path),
+        "bytes": sum(entry.bytes for entry in with_path),
+        "failed": len(entries) - len(with_path),
     }
 
 

@@ -256,7 +256,7 @@ def read_parameters(path: Path, size: str | None = None) -> Parameters:
     file = validated(path.name, ParametersFile, content, {"root": path.resolve().parent})
     size = size or file.size
     if size not in file.sizes:
-        known = ", ".join(file.sizes)
-        raise InputError(path.name, f"size: {size!r} is not described", f"Known sizes are {known}.")
-    shared = {name: getattr(file, name) for name in CommonParameters.__dataclass_fields__ if name != "size"}
-    return Parameters(size=size, **shared, **vars(file.sizes[size]))
+        size_names = ", ".join(file.sizes)
+        raise InputError(path.name, f"size: {size!r} is not described", f"Known sizes are {size_names}.")
+    common = {name: getattr(file, name) for name in CommonParameters.__dataclass_fields__ if name != "size"}
+    return Parameters(size=size, **common, **vars(file.sizes[size]))

@@ -89,8 +89,8 @@ def sources(row: Mapping[str, Any]) -> dict[str, Path]:
     files = {"mesh": row["mesh"]}
     if row["texture"] is not None:
         files["texture"] = row["texture"]
-    referred = [path for path in source_files(row["mesh"], row["texture"]) if path not in files.values()]
-    return {**files, **{f"referred_{index}": path for index, path in enumerate(referred)}}
+    more = [path for path in source_files(row["mesh"], row["texture"]) if path not in files.values()]
+    return {**files, **{f"referred_{index}": path for index, path in enumerate(more)}}
 
 
 def write_records(root: Path, records: Records) -> None:

@@ -86,8 +86,8 @@ def select(root: Path, table: str | None, only: str | None) -> list[str]:
         with atomic_write(path) as file:
             yaml.dump(content, file)
     if ids != ids_before:
-        named_before, named = ("all" if not names else ", ".join(names) for names in (ids_before, ids))
-        changes.append(f"{SELECTION}: selected are now {named} (were {named_before})")
+        named_before, words = ("all" if not names else ", ".join(names) for names in (ids_before, ids))
+        changes.append(f"{SELECTION}: selected are now {words} (were {named_before})")
         _write_selection(root, ids)
     return changes
 

@@ -54,7 +54,7 @@ class ProductInput:
     kind: ProductKind
     attributes: tuple[str, ...] = ()
 
-    def digest(self, path: Path, verified: Verified) -> tuple[str, str | dict[str, Any]]:
+    def digest(self, path: Path, states: Verified) -> tuple[str, str | dict[str, Any]]:
         """Return the product's fingerprint, and a digest of the content that the task reads.
 
         Tasks are pure, so a fingerprint identifies a whole product.
@@ -66,7 +66,7 @@ class ProductInput:
         """
         remedy = f"See what failed in stage {self.kind.made_by}."
         try:
-            attributes = verified.attributes(path, (FINGERPRINT, *self.attributes))
+            attributes = states.attributes(path, (FINGERPRINT, *self.attributes))
         except FileNotFoundError as error:
             raise InputError(path.name, f"input missing: {self.kind.made_by} failed", remedy) from error
         except FormatError as error:
@@ -128,7 +128,7 @@ class Stage:
         return tuple(kind.path(root, object_id) for kind in self.products)
 
     def prepare(
-        self, root: Path, parameters: "Parameters", object_id: str, row: Row, verified: Verified
+        self, root: Path, parameters: "Parameters", object_id: str, row: Row, states: Verified
     ) -> Prepared:
         """Return what the task of an object gets, and what its products are made from.
 
@@ -142,10 +142,10 @@ class Stage:
         contents: dict[str, str] = {}
         for product in self.inputs:
             path = paths[product.kind.name] = product.kind.path(root, object_id)
-            contents[product.kind.name], digests[product.kind.name] = product.digest(path, verified)
+            contents[product.kind.name], digests[product.kind.name] = product.digest(path, states)
         for role, path in (self.sources(row) if self.sources else {}).items():
             paths[role] = path
-            contents[role] = digests[role] = source_digest(path, verified)
+            contents[role] = digests[role] = source_digest(path, states)
         read = parameters.values(self.parameters)
         record = {name: row[name] for name in self.fields}
         seed = seed_from(parameters.seed, self.name, object_id)
@@ -154,7 +154,7 @@ class Stage:
             "parameters": read,
             "record": record,
             "inputs": digests,
-            "code": verified.code_identity(self.task.partition(":")[0]),
+            "code": states.code_identity(self.task.partition(":")[0]),
             "packages": package_versions((*self.packages, *self.optional_packages(read))),
             "seed": seed,
         }
@@ -169,7 +169,7 @@ class Stage:
         }
 
 
-def source_digest(path: Path, verified: Verified) -> str:
+def source_digest(path: Path, states: Verified) -> str:
     """Return the SHA-256 of a source file.
 
     Raises
@@ -178,7 +178,7 @@ def source_digest(path: Path, verified: Verified) -> str:
         A file that cannot be read.
     """
     try:
-        return verified.source_digest(path)
+        return states.source_digest(path)
     except OSError as error:
         raise InputError(
             str(path), f"cannot be read ({error.strerror})", "Correct the path in the table."

@@ -112,8 +112,8 @@ def _count_nodes(node: yaml.Node, counts: dict[int, int | None]) -> int:
         counts[id(node)] = None
         parts = node.value if isinstance(node, yaml.CollectionNode) else []
         if node.tag in NUMBERS and AMBIGUOUS_NUMBER.match(node.value):
-            shown = node.value[:LONGEST_SHOWN]
-            finding = f"{shown} is another number in YAML 1.2: write decimals, or text in quotes"
+            start = node.value[:LONGEST_SHOWN]
+            finding = f"{start} is another number in YAML 1.2: write decimals, or text in quotes"
             raise yaml.MarkedYAMLError(None, None, finding, node.start_mark)
         if isinstance(node, yaml.MappingNode):
             names = [(key.tag, key.value) for key, _ in parts if isinstance(key, yaml.ScalarNode)]
@@ -163,12 +163,12 @@ def _input_error(where: str, kind: Any, error: ErrorDetails) -> InputError:
     if error["type"] in UNKNOWN:
         *section, key = error["loc"]
         fields = _fields(kind, section)
-        dotted = [_dotted([*section, field]) for field in fields]
-        remedy = did_you_mean(_dotted([*section, str(key)]), dotted, f"Known are {', '.join(fields)}.")
+        paths = [_dotted([*section, field]) for field in fields]
+        remedy = did_you_mean(_dotted([*section, str(key)]), paths, f"Known are {', '.join(fields)}.")
         return InputError(where, f"unknown key {name}", remedy)
     if error["type"] in MISSING:
-        what = "value" if isinstance(error["loc"][-1], int) else "key"
-        return InputError(where, f"no {what} {name}", "Add it; version control has the original.")
+        noun = "value" if isinstance(error["loc"][-1], int) else "key"
+        return InputError(where, f"no {noun} {name}", "Add it; version control has the original.")
     if error["type"] in SECTION:
         finding = f"{name} is {value!r}" if name else "holds no keys"
         return InputError(where, finding, "It must be a section with keys.")

@@ -257,12 +257,12 @@ def _code_path(root: Path) -> Path:
 @contextlib.contextmanager
 def without_collector() -> Iterator[None]:
     """Keep Python's collector of cycles from going through thousands of entries, of which none is in one."""
-    collected = gc.isenabled()
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if collected:
+        if was_enabled:
             gc.enable()
 
 

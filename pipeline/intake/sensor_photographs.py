@@ -66,9 +66,11 @@ def read_photographs(sources: Sequence[Path], untouched: Path | None = None) -> 
     if untouched is None:
         untouched = next((path for path in paths if path.stem.lower() in UNTOUCHED), None)
     if untouched is None:
-        called = " or ".join(f"{name}.png" for name in UNTOUCHED)
+        file_names = " or ".join(f"{name}.png" for name in UNTOUCHED)
         raise InputError(
-            "photographs", "no picture shows the untouched sensor", f"Name it {called}, or give --untouched."
+            "photographs",
+            "no picture shows the untouched sensor",
+            f"Name it {file_names}, or give --untouched.",
         )
     empty = _picture(untouched)
     height, width = empty.shape[:2]

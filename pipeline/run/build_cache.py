@@ -51,6 +51,6 @@ def _prune(builds: Path, own: Path) -> None:
     oldest = time.time() - 86_400 * MOST_DAYS
     for folder in builds.iterdir():
         with contextlib.suppress(FileNotFoundError):  # another build prunes too
-            touched = (folder / ".objectfolder").stat().st_mtime
-            if touched < oldest and folder != own and owner(folder) is None:
+            last_use_s = (folder / ".objectfolder").stat().st_mtime
+            if last_use_s < oldest and folder != own and owner(folder) is None:
                 shutil.rmtree(folder, ignore_errors=True)

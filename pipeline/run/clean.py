@@ -87,10 +87,10 @@ def clean_data_set(root: Path, *, remove: bool = False) -> CleanSummary:
 
 def removable(root: Path) -> list[FilesOfKind]:
     """Return what may be removed, by kind; a kind may have no paths."""
-    protected = _protected(root)
+    current = _protected(root)
 
     def entry(kind: str, why: str, paths: Iterable[Path]) -> FilesOfKind:
-        free = [path for path in sorted(paths) if not protected(path)]
+        free = [path for path in sorted(paths) if not current(path)]
         names = (str(path.relative_to(root) if path.is_relative_to(root) else path) for path in free)
         return FilesOfKind(kind=kind, why=why, bytes=sum(map(_size, free)), paths=tuple(names))
 
@@ -122,16 +122,16 @@ def _protected(root: Path) -> Callable[[Path], bool]:
     FormatError
         ``dvc.lock``, which names what stages read and make, is damaged: nothing is removed then.
     """
-    tracked = tracked_files(root)
+    files = tracked_files(root)
     lock = root / LOCK
     outputs = read_lock(LOCK, lock.read_bytes()).paths if lock.is_file() else ()
-    kept = {root / name for name in ("data", "reports", *outputs)}
+    roots = {root / name for name in ("data", "reports", *outputs)}
 
     def protected(path: Path) -> bool:
-        if path in tracked or any(path in file.parents for file in tracked):
+        if path in files or any(path in file.parents for file in files):
             return True
         half_written = path.name.startswith(".") and path.name.endswith(PARTIAL)
-        return not half_written and not kept.isdisjoint((path, *path.parents))
+        return not half_written and not roots.isdisjoint((path, *path.parents))
 
     return protected
 

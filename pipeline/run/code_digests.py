@@ -29,18 +29,18 @@ def write_code_digests(root: Path) -> None:
         ``params.yaml`` cannot be used.
     """
     sensor = read_parameters(root / PARAMETERS).values_at("touch.sensor")
-    verified = Verified(root)
+    states = Verified(root)
     parts: dict[str, Mapping[str, object]] = {
         name: {
-            "code": verified.code_identity(stage.task.partition(":")[0]),
+            "code": states.code_identity(stage.task.partition(":")[0]),
             "packages": package_versions(stage.packages),
         }
         for name, stage in STAGES.items()
     }
-    parts |= {name: {"code": verified.code_identity(module)} for name, module in MODULES.items()}
+    parts |= {name: {"code": states.code_identity(module)} for name, module in MODULES.items()}
     parts[REPORT] = {**parts[REPORT], "files": _other_files(PAGES)}
     parts[SENSOR] = {"sensor": sensor}
-    verified.save_code()
+    states.save_code()
     digests = {name: fingerprint(part)[:16] for name, part in parts.items()}
     write_whole(root / CODE, json.dumps(digests, indent=1) + "\n")
 

@@ -62,13 +62,13 @@ class Summary:
     @property
     def counts(self) -> dict[str, int]:
         """Number of objects by what happened to them."""
-        made = {name: len(getattr(self, name)) for name in (KEPT, RESTORED, COMPUTED)}
-        return made | {"failed": len(self.failures)}
+        numbers = {name: len(getattr(self, name)) for name in (KEPT, RESTORED, COMPUTED)}
+        return numbers | {"failed": len(self.failures)}
 
     def exit_code(self, allow_failures: bool) -> int:
         """Return 0 if later stages may run: no failure, or failures allowed and at least one object made."""
-        made = self.kept or self.restored or self.computed
-        return 0 if not self.failures or (allow_failures and made) else 1
+        numbers = self.kept or self.restored or self.computed
+        return 0 if not self.failures or (allow_failures and numbers) else 1
 
 
 def converge(
@@ -78,8 +78,8 @@ def converge(
     rows: Mapping[str, Row],
     runner_for: RunnerFor,
     refused: Sequence[FailedObject] = (),
-    others: Collection[str] = (),
-    verified: Verified | None = None,
+    rest: Collection[str] = (),
+    states: Verified | None = None,
 ) -> list[Summary]:
     """Make, keep and remove products until those of `stages` are what the inputs ask for.
 
@@ -97,9 +97,9 @@ def converge(
         Who runs the tasks (see `pipeline.cluster.cluster.runner`).
     refused
         Objects that were refused before the first stage; they count as its failures.
-    others
+    rest
         Listed objects that are not asked for now: their products stay as they are.
-    verified
+    states
         What is known of products and sources in `root`; read from there if it is not given.
 
     Returns
@@ -112,17 +112,17 @@ def converge(
     SimulationError
         Nobody can run tasks any more, or the disk is full. What is finished stays finished.
     """
-    removed = {stage.name: _tidy(stage, root, {*rows, *others}) for stage in stages}
-    verified, progress = (
-        verified or Verified(root),
-        FlowProgress({one.name: sorted(one.follows) for one in stages}),
+    removed = {stage.name: _tidy(stage, root, {*rows, *rest}) for stage in stages}
+    states, progress = (
+        states or Verified(root),
+        FlowProgress({each_stage.name: sorted(each_stage.follows) for each_stage in stages}),
     )
-    flow = Flow(stages, root, parameters, rows, verified, progress.settle)
+    flow = Flow(stages, root, parameters, rows, states, progress.settle)
     with RunRecord(root, [stage.name for stage in stages]) as record:
         try:
             with without_collector():
                 jobs = flow.begin()
-            verified.save_code()  # children read it, too
+            states.save_code()  # children read it, too
             if jobs:
                 _run(jobs, flow, root, runner_for, record, progress)
             else:
@@ -130,13 +130,15 @@ def converge(
         finally:
             progress.close()
             _sweep(stages, root)
-            verified.save()
+            states.save()
             shared.settle(root / STATE)
         before = {stages[0].name: tuple(refused)}
-        summaries = [_summary(name, flow, gone, before.get(name, ())) for name, gone in removed.items()]
+        summaries = [
+            _summary(name, flow, removals, before.get(name, ())) for name, removals in removed.items()
+        ]
         failures = [failure for summary in summaries for failure in summary.failures]
         try:
-            write_failures(root, failures, stages, others)
+            write_failures(root, failures, stages, rest)
         except OSError as error:
             raise disk_error(error, root / "data") from error
         for summary in summaries:
@@ -161,20 +163,20 @@ def _run(
     progress: FlowProgress,
 ) -> None:
     """Run jobs and those that follow from them, one after the other where a cluster would save no time."""
-    left = list(flow.unsettled())
-    for expected in left:
-        progress.expect(*expected)
-    forget(root, {(stage, object_id) for stage, object_id, _ in left})
-    saved_s = sum(seconds for *_, seconds in left) - max(job.path_seconds for job in jobs)
-    with runner_for(len(left) if saved_s > CLUSTER_S else 1) as runner:
+    outlook = list(flow.unsettled())
+    for entry in outlook:
+        progress.expect(*entry)
+    forget(root, {(stage, object_id) for stage, object_id, _ in outlook})
+    saved_s = sum(seconds for *_, seconds in outlook) - max(job.path_seconds for job in jobs)
+    with runner_for(len(outlook) if saved_s > CLUSTER_S else 1) as runner:
         for job in sorted(jobs, key=lambda job: job.path_seconds, reverse=True):
             runner.submit(job)
-        for ended in runner.finished(progress.workers):
-            stage, outcome = ended.job.call.stage, ended.outcome
+        for end in runner.finished(progress.workers):
+            stage, outcome = end.job.call.stage, end.outcome
             if outcome.failure is None and outcome.wall_s > 0:
                 add_costs(root, stage, outcome)
-            record.task(stage, outcome, ended.worker, ended.host, ended.tries)
-            for job in flow.done(ended):
+            record.task(stage, outcome, end.worker, end.host, end.tries)
+            for job in flow.done(end):
                 runner.submit(job)
 
 
@@ -186,22 +188,22 @@ def _sweep(stages: Sequence[Stage], root: Path) -> None:
         mark.unlink(missing_ok=True)  # of a driver that was killed: there is one run at a time
 
 
-def _tidy(stage: Stage, root: Path, listed: Collection[str]) -> tuple[str, ...]:
+def _tidy(stage: Stage, root: Path, ids: Collection[str]) -> tuple[str, ...]:
     """Remove half-written files, and products of objects not listed; return the ids of those."""
     for kind in stage.products:
         (root / kind.folder).mkdir(parents=True, exist_ok=True)
     _sweep([stage], root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
-    unlisted = sorted(present - set(listed))
-    for object_id in unlisted:
+    strangers = sorted(present - set(ids))
+    for object_id in strangers:
         for path in stage.targets(root, object_id):
             path.unlink(missing_ok=True)
-    return tuple(unlisted)
+    return tuple(strangers)
 
 
 def _summary(stage: str, flow: "Flow", removed: tuple[str, ...], refused: Sequence[FailedObject]) -> Summary:
     kept, restored, computed = (
-        tuple(sorted(object_id for object_id, other in flow.outcomes[stage].items() if other == outcome))
+        tuple(sorted(object_id for object_id, result in flow.outcomes[stage].items() if result == outcome))
         for outcome in (KEPT, RESTORED, COMPUTED)
     )
     failures = (*refused, *flow.failures[stage])
@@ -221,14 +223,14 @@ class Flow:
         root: Path,
         parameters: Parameters,
         rows: Mapping[str, Row],
-        verified: Verified,
+        states: Verified,
         on_settled: Callable[[str, str, str, float], None],
     ) -> None:
         self._stages = {stage.name: stage for stage in stages}
         self._root = root
         self._parameters = parameters
         self._rows = rows
-        self._verified = verified
+        self._verified = states
         self._on_settled = on_settled
         self._cache = ProductCache(root)
         # `KEPT`, `RESTORED`, `COMPUTED` or `FAILED` of those settled, by stage and object; and failures.
@@ -244,9 +246,9 @@ class Flow:
         """Settle what needs no work, and return the jobs whose inputs are there."""
         for object_id in self._rows:
             self._advance(object_id)  # settles what is there, and delays what is not
-        delayed, self._delayed = self._delayed or {}, None
+        pending, self._delayed = self._delayed or {}, None
         with ThreadPoolExecutor(LOOKUPS, thread_name_prefix="look-up") as pool:
-            return [job for jobs in pool.map(self._advance, delayed) for job in jobs]
+            return [job for jobs in pool.map(self._advance, pending) for job in jobs]
 
     def done(self, finished: Finished) -> list[Job]:
         """Note how a job ended, and return the jobs whose inputs are there now."""
@@ -281,7 +283,7 @@ class Flow:
         for name, stage in self._stages.items():
             if object_id in self.outcomes[name] or (name, object_id) in self._running:
                 continue
-            before = (self.outcomes[other] for other in stage.follows if other in self._stages)
+            before = (self.outcomes[earlier] for earlier in stage.follows if earlier in self._stages)
             if all(object_id in outcomes for outcomes in before):
                 job = self._plan(stage, object_id)
                 if job is not None:
@@ -292,46 +294,46 @@ class Flow:
     def _plan(self, stage: Stage, object_id: str) -> Job | None:
         """Settle a stage of an object, or return what has to be computed."""
         try:
-            prepared = stage.prepare(
+            preparation = stage.prepare(
                 self._root, self._parameters, object_id, self._rows[object_id], self._verified
             )
         except InputError as error:
             self._fail(stage, object_id, failure_of(object_id, error))
             return None
-        wanted = self._fingerprints[stage.name][object_id] = fingerprint(prepared.parts)
+        digest = self._fingerprints[stage.name][object_id] = fingerprint(preparation.parts)
         targets = stage.targets(self._root, object_id)
-        if all(self._verified.holds(path, wanted) for path in targets):
+        if all(self._verified.holds(path, digest) for path in targets):
             self._settle(stage.name, object_id, KEPT)
             return None
         if self._delayed is not None:
             self._delayed[object_id] = None
             return None
-        if self._cache.restore(wanted, targets):
+        if self._cache.restore(digest, targets):
             for path in targets:
-                self._verified.add(path, wanted)
+                self._verified.add(path, digest)
             self._settle(stage.name, object_id, RESTORED)
         else:
             provenance = {
-                **prepared.parts,
-                "fingerprints": {**stage.lineage(prepared.parts), stage.name: wanted},
+                **preparation.parts,
+                "fingerprints": {**stage.lineage(preparation.parts), stage.name: digest},
                 "tolerances": as_json(stage.tolerances),
             }
             state = self._root / STATE
-            call = Call(stage.name, stage.task, prepared.request, targets, wanted, provenance, state)
+            call = Call(stage.name, stage.task, preparation.request, targets, digest, provenance, state)
             with self._lock:
-                return self._job(stage, call, prepared)
+                return self._job(stage, call, preparation)
         return None
 
-    def _job(self, stage: Stage, call: Call, prepared: Prepared) -> Job:
+    def _job(self, stage: Stage, call: Call, preparation: Prepared) -> Job:
         object_id = call.request.object_id
         own = self._estimates.of(stage.name, object_id)
         chain_s = self._chain_seconds(stage, object_id)
-        return Job(call, own.cpu_s, chain_s, own.memory_bytes, stage.needs, prepared.inputs)
+        return Job(call, own.cpu_s, chain_s, own.memory_bytes, stage.needs, preparation.inputs)
 
     def _chain_seconds(self, stage: Stage, object_id: str) -> float:
         """Return the expected seconds of the longest chain of tasks from `stage` on."""
-        after = [other for other in self._stages.values() if stage.name in other.follows]
-        behind_s = max((self._chain_seconds(other, object_id) for other in after), default=0.0)
+        after = [later for later in self._stages.values() if stage.name in later.follows]
+        behind_s = max((self._chain_seconds(later, object_id) for later in after), default=0.0)
         return self._estimates.of(stage.name, object_id).cpu_s + behind_s
 
     def _settle(self, stage: str, object_id: str, outcome: str, cost: Outcome | None = None) -> None:
@@ -344,8 +346,8 @@ class Flow:
         In a folder that cannot be written these stay: their fingerprints tell that they are not of this run.
         """
         self._settle(stage.name, object_id, FAILED, cost)
-        wanted = self._fingerprints[stage.name].get(object_id, "")
-        self.failures[stage.name].append(FailedObject.of(stage.name, failure, wanted))
+        digest = self._fingerprints[stage.name].get(object_id, "")
+        self.failures[stage.name].append(FailedObject.of(stage.name, failure, digest))
         for path in stage.targets(self._root, object_id):
             with contextlib.suppress(OSError):
                 path.unlink()

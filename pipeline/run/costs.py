@@ -111,8 +111,8 @@ def add_costs(root: Path, stage: str, outcome: Outcome) -> None:
         The table cannot be written.
     """
     task = (outcome.object_id, stage, outcome.fingerprint)
-    taken = (round(outcome.cpu_s, 3), round(outcome.wall_s, 3), round(outcome.peak_bytes / 1e6, 1))
-    rows: list[Sequence[object]] = [(*task, *taken, "", "")]
+    figures = (round(outcome.cpu_s, 3), round(outcome.wall_s, 3), round(outcome.peak_bytes / 1e6, 1))
+    rows: list[Sequence[object]] = [(*task, *figures, "", "")]
     for key, seconds in outcome.query_seconds.items():
         rows.append((outcome.object_id, QUERY, outcome.fingerprint, "", "", "", key, f"{seconds:.3g}"))
     _append(costs_path(root), _text(rows))
@@ -135,9 +135,9 @@ def compact(root: Path) -> None:
         last: dict[tuple[str, ...], deque[int]] = {}
         for index, row in enumerate(rows):
             last.setdefault((row[0], row[1], row[6]), deque(maxlen=KEPT_ROWS)).append(index)
-        kept = sorted(index for indices in last.values() for index in indices)
-        if len(kept) <= len(rows) // 2:
-            write_whole(path, _text([rows[index] for index in kept]))
+        rows_left = sorted(index for indices in last.values() for index in indices)
+        if len(rows_left) <= len(rows) // 2:
+            write_whole(path, _text([rows[index] for index in rows_left]))
 
 
 def _cost(row: Mapping[str, str | None]) -> Cost:

@@ -16,19 +16,19 @@ SET_ASIDE = Path(STATE) / "damaged"
 
 
 def set_changed_aside(
-    root: Path, entries: Mapping[str, Entry], summaries: Sequence[Summary], verified: Verified
+    root: Path, entries: Mapping[str, Entry], summaries: Sequence[Summary], states: Verified
 ) -> list[str]:
     """Move products aside that a run kept, and that have changed since it looked; return their paths.
 
     `entries` are those of the manifest before the run, which would else list them as they are now.
     """
-    kept = {(summary.stage, object_id) for summary in summaries for object_id in summary.kept}
-    listed = {where: entry for where, entry in entries.items() if (entry.stage, entry.object) in kept}
-    ran = any(summary.computed for summary in summaries)  # else it has only just looked
-    return set_damaged_aside(root, listed, verified) if ran else []
+    keys = {(summary.stage, object_id) for summary in summaries for object_id in summary.kept}
+    listed = {where: entry for where, entry in entries.items() if (entry.stage, entry.object) in keys}
+    has_worked = any(summary.computed for summary in summaries)  # else it has only just looked
+    return set_damaged_aside(root, listed, states) if has_worked else []
 
 
-def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verified) -> list[str]:
+def set_damaged_aside(root: Path, entries: Mapping[str, Entry], states: Verified) -> list[str]:
     """Move products aside that have other bytes than the manifest lists for what they were made from.
 
     The manifest lists what runs made. A product that says that it was made from the same and differs was
@@ -40,14 +40,14 @@ def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verifi
     list of str
         Their paths, from the root on.
     """
-    damaged, cache = [], ProductCache(root)
-    digests = verified.md5s([f"{root}{os.sep}{where}" for where in entries])  # a path each would take as long
+    paths, cache = [], ProductCache(root)
+    digests = states.md5s([f"{root}{os.sep}{where}" for where in entries])  # a path each would take as long
     for (where, entry), digest in zip(entries.items(), digests, strict=True):
         if digest == entry.md5:
             continue
         path = root / where
         try:
-            if verified.attributes(path, (FINGERPRINT,))[FINGERPRINT] != entry.fingerprint:
+            if states.attributes(path, (FINGERPRINT,))[FINGERPRINT] != entry.fingerprint:
                 continue
         except FileNotFoundError:
             continue
@@ -56,10 +56,10 @@ def set_damaged_aside(root: Path, entries: Mapping[str, Entry], verified: Verifi
         place = root / SET_ASIDE / path.parent.name / path.name
         place.parent.mkdir(parents=True, exist_ok=True)
         path.replace(place)
-        cached = cache.path(entry.md5)
-        if cached.is_file() and md5_of(cached) != entry.md5:
-            cached.unlink()
-        kept = place.relative_to(root)
-        print(f"{where}: changed since it was made; now {kept}, and made again", file=sys.stderr)
-        damaged.append(where)
-    return damaged
+        copy = cache.path(entry.md5)
+        if copy.is_file() and md5_of(copy) != entry.md5:
+            copy.unlink()
+        aside = place.relative_to(root)
+        print(f"{where}: changed since it was made; now {aside}, and made again", file=sys.stderr)
+        paths.append(where)
+    return paths

@@ -13,7 +13,7 @@ Described = TypeVar("Described", bound=DescribedObject)
 
 
 def with_decimated_mesh(
-    described: Described, material: "Material", folder: Path
+    item: Described, material: "Material", folder: Path
 ) -> tuple[Described, tuple[str, ...]]:
     """Return the object with a mesh of at most `decimate` faces, written to a folder, and what to say of it.
 
@@ -33,23 +33,23 @@ def with_decimated_mesh(
     from objectfolder.vision.export.textured_surface import write_mesh
     from pipeline.run.decimation import decimate
 
-    faces = described.decimate or 0
-    mesh = load_mesh(described.mesh, described.texture, up=described.up, any_count=True)
+    faces = item.decimate or 0
+    mesh = load_mesh(item.mesh, item.texture, up=item.up, any_count=True)
     result = decimate(mesh, faces)
     if result.mesh is mesh:
         remark = f"its {len(mesh.faces)} faces are no more than {faces}: it is not decimated"
-        return replace(described, decimate=None), (remark,)
+        return replace(item, decimate=None), (remark,)
     appearance = Appearance(
-        material.roughness if described.roughness is None else described.roughness,
-        material.metallic if described.metallic is None else described.metallic,
+        material.roughness if item.roughness is None else item.roughness,
+        material.metallic if item.metallic is None else item.metallic,
     )
-    path = folder / f"{described.mesh.stem}.glb"
+    path = folder / f"{item.mesh.stem}.glb"
     folder.mkdir(parents=True, exist_ok=True)
-    write_mesh(path, result.mesh, appearance, Credit(described.object_id or described.mesh.stem))
-    length_m = described.length_m or float(mesh.extents.max())
+    write_mesh(path, result.mesh, appearance, Credit(item.object_id or item.mesh.stem))
+    length_m = item.length_m or float(mesh.extents.max())
     remark = (
         f"decimated from {result.faces_before} to {len(result.mesh.faces)} faces: the surfaces lie within "
         f"{1e3 * result.distance_share * length_m:.2g} mm of one another, {result.distance_share:.1e} of the "
         "length"
     )
-    return replace(described, mesh=path, texture=None, up=None, decimate=None), (remark, *mesh.remarks)
+    return replace(item, mesh=path, texture=None, up=None, decimate=None), (remark, *mesh.remarks)

@@ -77,11 +77,11 @@ def decimate(mesh: TexturedMesh, faces: int) -> Decimation:
             target=faces,
         )
         try:
-            done = run_module("pipeline.run.decimation_process", source, target, timeout_s=PATIENCE_S)
+            process = run_module("pipeline.run.decimation_process", source, target, timeout_s=PATIENCE_S)
         except subprocess.TimeoutExpired as error:
             raise SimulationError("Blender's decimation", "took too long") from error
-        if done.returncode or not target.exists():
-            raise SimulationError("Blender's decimation", f"failed ({last_words(done.stderr)})")
+        if process.returncode or not target.exists():
+            raise SimulationError("Blender's decimation", f"failed ({last_words(process.stderr)})")
         less = np.load(target)
         result = replace(
             mesh,

@@ -36,8 +36,8 @@ def exclusive(root: Path, what: str, stream: TextIO | None = None) -> Iterator[N
     lock, owner_path = _lock(root), _owner_file(root)
     owner_path.parent.mkdir(parents=True, exist_ok=True)
     most_s = number_of(WAIT, math.inf)
-    if most_s and (other := owner(root)):
-        print(f"waiting for {other}", file=stream or sys.stderr, flush=True)
+    if most_s and (process := owner(root)):
+        print(f"waiting for {process}", file=stream or sys.stderr, flush=True)
     try:
         lock.acquire(timeout=most_s)
     except Timeout as error:

@@ -66,8 +66,8 @@ class FlowProgress:
         with self._lock:
             self._look()
             self._busy, self._total = busy, total
-            left = any(self._left.values())
-        if left:
+            is_unfinished = any(self._left.values())
+        if is_unfinished:
             self._display.start()
 
     def _look(self) -> None:
@@ -100,9 +100,12 @@ class FlowProgress:
             ends: dict[str, float] = {}
             for stage, before in self._stages.items():
                 mean_s = ratio * self._left_s[stage] / (len(self._left[stage]) or 1)
-                ends[stage] = mean_s + max((ends.get(other, 0.0) for other in before), default=0.0)
+                ends[stage] = mean_s + max((ends.get(name, 0.0) for name in before), default=0.0)
             chain_s = max(ends.values(), default=0.0)
-            if self._busy and next((len(left) for left in self._left.values() if left), 0) <= self._busy:
+            if (
+                self._busy
+                and next((len(seconds) for seconds in self._left.values() if seconds), 0) <= self._busy
+            ):
                 run_s = self._running_s / self._busy  # else a chain is left that has not begun
                 chain_s = max(chain_s - run_s, LATE * run_s)
             return max(work_s / max(1, self._total), chain_s), work_s, self._taken_s + self._running_s
@@ -113,7 +116,7 @@ class FlowProgress:
 
     def _shares(self) -> list[str]:
         counts = ((stage, outcomes.total()) for stage, outcomes in self._outcomes.items())
-        return [f"{stage} {done}/{done + len(self._left[stage])}" for stage, done in counts]
+        return [f"{stage} {count}/{count + len(self._left[stage])}" for stage, count in counts]
 
 
 def duration(seconds: float) -> str:

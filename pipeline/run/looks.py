@@ -23,8 +23,8 @@ def looks_of(mesh: TexturedMesh) -> str:
     plain = sum(texture.shape[:2] == (1, 1) for texture in mesh.textures) - sum(bare)
     parts = []
     if sizes:
-        some = ", ".join(sizes[:4]) + (", ..." if len(sizes) > 4 else "")
-        parts.append(f"{_number(len(sizes), 'texture')} ({some})")
+        examples = ", ".join(sizes[:4]) + (", ..." if len(sizes) > 4 else "")
+        parts.append(f"{_number(len(sizes), 'texture')} ({examples})")
     if plain:
         parts.append(_number(plain, "plain colour"))
     maps = {"roughness": mesh.roughness_maps, "metallic": mesh.metallic_maps, "normals": mesh.normal_maps}

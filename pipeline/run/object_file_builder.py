@@ -36,6 +36,6 @@ def build(
     if output.exists() and not overwrite:
         raise InputError(str(output), "is there already", "Name another file, or give overwrite=True.")
     confirm = None if any_size else partial(refuse_doubtful_size, words=CALL)
-    built = build_object_file(Building(mesh, **description), output, confirm)
-    for warning in built.warnings:
+    result = build_object_file(Building(mesh, **description), output, confirm)
+    for warning in result.warnings:
         warnings.warn(warning, stacklevel=4)  # at the caller of `objectfolder.build`

@@ -174,14 +174,14 @@ def _common_stages(root: Path, names: Sequence[str]) -> dict[str, Any]:
     """Return ``dvc.yaml`` of what is done for all partitions at once."""
     objects = read_parameters(root / PARAMETERS).objects
     meshes = "${objects.meshes}" if os.path.isabs(objects.meshes) else "../${objects.meshes}"
-    listed = ("${objects.table}", str(RECORDS), str(INPUTS))
+    dependencies = ("${objects.table}", str(RECORDS), str(INPUTS))
     products = (PER_OBJECT, str(FAILURES), str(MANIFEST))
     inputs = {
         "desc": "The table of each partition, and digests of its meshes and textures",
         "cmd": "cd .. && exec python -m pipeline.cli inputs --partitions",
         "deps": ["../${objects.table}", meshes, f"../{MATERIALS}"],
         "params": [{f"../{PARAMETERS}": ["objects.table"]}],
-        "outs": [{f"{name}/{path}": {"cache": False}} for name in names for path in listed],
+        "outs": [{f"{name}/{path}": {"cache": False}} for name in names for path in dependencies],
     }
     index = {
         "desc": "The reports of all partitions in a page",

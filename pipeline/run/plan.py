@@ -102,12 +102,12 @@ class Plan:
     def __str__(self) -> str:
         head = ("stage", "kept", "restored", "compute", "CPU time", "peak memory", "products")
         rows = [
-            (name, *map(str, (one.kept, one.restored, one.computed)), duration(one.cpu_s),
-             decimal(one.memory_bytes), decimal(one.product_bytes))
-            for name, one in self.stages.items()
+            (name, *map(str, (task.kept, task.restored, task.computed)), duration(task.cpu_s),
+             decimal(task.memory_bytes), decimal(task.product_bytes))
+            for name, task in self.stages.items()
         ]  # fmt: skip
-        cpu_s = sum(one.cpu_s for one in self.stages.values())
-        made_bytes = sum(one.product_bytes for one in self.stages.values())
+        cpu_s = sum(task.cpu_s for task in self.stages.values())
+        made_bytes = sum(task.product_bytes for task in self.stages.values())
         rows.append(("all", "", "", "", duration(cpu_s), "", decimal(made_bytes)))
         lines = [f"{counted(self.objects, 'object')}, size {self.size}", "", *columns([head, *rows]), ""]
         for number, wall in self.wall.items():
@@ -131,8 +131,8 @@ def plan_data_set(
     machines = machines_of(read_place(root))
     if count:
         return plan_for_count(root, parameters, count, machines, workers)
-    listed = ObjectsParameters(str(objects)) if objects else parameters.objects
-    rows = read_table(root, listed).selected(() if objects else read_selection(root)).rows
+    table_source = ObjectsParameters(str(objects)) if objects else parameters.objects
+    rows = read_table(root, table_source).selected(() if objects else read_selection(root)).rows
     return plan(root, parameters, rows, machines, workers)
 
 
@@ -149,15 +149,15 @@ def plan(
     by_name = {stage.name: stage for stage in stages}
     counts: Counter[tuple[str, str]] = Counter()
     tasks: dict[str, dict[str, Estimate]] = {}
-    for one in status(root, stages, parameters, rows):
-        if one.object_id not in rows:
+    for task in status(root, stages, parameters, rows):
+        if task.object_id not in rows:
             continue  # no longer listed
-        if one.state == CURRENT:
-            counts[one.stage, "kept"] += 1
-        elif _is_cached(cache, root, by_name[one.stage], one):
-            counts[one.stage, "restored"] += 1
+        if task.state == CURRENT:
+            counts[task.stage, "kept"] += 1
+        elif _is_cached(cache, root, by_name[task.stage], task):
+            counts[task.stage, "restored"] += 1
         else:
-            tasks.setdefault(one.object_id, {})[one.stage] = estimates.of(one.stage, one.object_id)
+            tasks.setdefault(task.object_id, {})[task.stage] = estimates.of(task.stage, task.object_id)
     return _plan(parameters.size, len(rows), by_name, tasks, machines, workers, counts)
 
 
@@ -176,9 +176,9 @@ def machines_of(place: Place) -> Machines:
     return Machines(hosts, tasks or os.cpu_count() or 1, memory_bytes or int(MEMORY_SHARE * total_bytes()))
 
 
-def _is_cached(cache: ProductCache, root: Path, stage: Stage, one: Status) -> bool:
-    known = one.state != WAITING and one.wanted != ""
-    return known and bool(cache.files(one.wanted, stage.targets(root, one.object_id)))
+def _is_cached(cache: ProductCache, root: Path, stage: Stage, task: Status) -> bool:
+    is_known = task.state != WAITING and task.wanted != ""
+    return is_known and bool(cache.files(task.wanted, stage.targets(root, task.object_id)))
 
 
 def _plan(
@@ -193,7 +193,7 @@ def _plan(
 ) -> Plan:
     """Return the plan for tasks, each counted `times` times."""
     chain_s = max((_chain_s(stages, by_stage) for by_stage in tasks.values()), default=0.0)
-    every = [one for by_stage in tasks.values() for one in by_stage.values()]
+    every = [task for by_stage in tasks.values() for task in by_stage.values()]
     wall = {}
     for number in sorted({1, machines.workers, *workers}):
         hosts = math.ceil(number / machines.slots)
@@ -207,20 +207,20 @@ def _plan(
 
 
 def _stage_plan(name: str, tasks: Tasks, counts: Mapping[tuple[str, str], int], times: float) -> StagePlan:
-    found = [by_stage[name] for by_stage in tasks.values() if name in by_stage]
+    costs = [by_stage[name] for by_stage in tasks.values() if name in by_stage]
     return StagePlan(
         counts.get((name, "kept"), 0),
         counts.get((name, "restored"), 0),
-        round(len(found) * times),
-        sum(one.cpu_s for one in found) * times,
-        max((one.memory_bytes for one in found), default=0),
-        round(sum(one.product_bytes for one in found) * times),
+        round(len(costs) * times),
+        sum(task.cpu_s for task in costs) * times,
+        max((task.memory_bytes for task in costs), default=0),
+        round(sum(task.product_bytes for task in costs) * times),
     )
 
 
 def _chain_s(stages: Mapping[str, Stage], by_stage: Mapping[str, Estimate]) -> float:
     ends: dict[str, float] = {}
     for name, stage in stages.items():
-        before = max((ends.get(other, 0.0) for other in stage.follows), default=0.0)
+        before = max((ends.get(earlier, 0.0) for earlier in stage.follows), default=0.0)
         ends[name] = before + (by_stage[name].cpu_s if name in by_stage else 0.0)
     return max(ends.values(), default=0.0)

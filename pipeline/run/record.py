@@ -44,11 +44,11 @@ def is_recorded(root: Path, stage: str) -> bool:
     try:
         with open(root / "data" / "products.csv", encoding="utf-8", newline="") as file:
             lines = (line for number, line in enumerate(file) if not number or f",{stage}," in line)
-            listed = {line["path"]: line["md5"] for line in csv.DictReader(lines) if line["stage"] == stage}
-        listed.pop("", None)  # failures
+            digests = {line["path"]: line["md5"] for line in csv.DictReader(lines) if line["stage"] == stage}
+        digests.pop("", None)  # failures
         text = (root / ".objectfolder" / "verified.json").read_bytes()
-        folders = {path.rpartition("/")[0] for path in listed}
-        verified = {
+        folders = {path.rpartition("/")[0] for path in digests}
+        states = {
             path.decode(): (digest.decode(), *map(int, state))
             for folder in folders
             for path, *state, digest in re.findall(PRODUCT_PATTERN % re.escape(folder).encode(), text)
@@ -59,8 +59,8 @@ def is_recorded(root: Path, stage: str) -> bool:
             for name in os.listdir(root / folder)
             if not name.startswith(".")
         }
-        return listed.keys() == present != set() and all(
-            verified[path] == (md5, *_state(root / path)) for path, md5 in listed.items()
+        return digests.keys() == present != set() and all(
+            states[path] == (md5, *_state(root / path)) for path, md5 in digests.items()
         )
     except (OSError, ValueError, KeyError, TypeError):
         return False

@@ -118,9 +118,9 @@ def build_object_file(
     )
     with folder as root:
         root.mkdir(parents=True, exist_ok=True)
-        decimated: tuple[str, ...] = ()
+        notes: tuple[str, ...] = ()
         if building.decimate is not None:
-            building, decimated = with_decimated_mesh(building, material, root / "decimated")
+            building, notes = with_decimated_mesh(building, material, root / "decimated")
             record = _record(building, output)
         if confirm is not None:
             confirm(building, material)
@@ -137,9 +137,7 @@ def build_object_file(
             if cost.object_id == record.id and cost.stage in STAGES and cost.cpu_s is not None
         }
         warnings, findings = building.findings(product.attributes, material)
-        return Built(
-            seconds, looks_of(textured_mesh_of(product)), (*decimated, *warnings, *map(str, findings))
-        )
+        return Built(seconds, looks_of(textured_mesh_of(product)), (*notes, *warnings, *map(str, findings)))
 
 
 @contextlib.contextmanager
@@ -164,9 +162,9 @@ class UntilFailure:
 
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator["Finished"]:
         """Yield jobs as they end, until one fails or none is left."""
-        for ended in self._runner.finished(on_workers):
-            yield ended
-            if ended.outcome.failure is not None:
+        for end in self._runner.finished(on_workers):
+            yield end
+            if end.outcome.failure is not None:
                 return
 
 

@@ -34,20 +34,20 @@ def write_inputs(root: Path) -> None:
     """
     objects = read_parameters(root / PARAMETERS).objects
     records = read_table(root, objects)
-    verified = Verified(root)
+    states = Verified(root)
     stages = [stage for stage in STAGES.values() if stage.sources]
     with ThreadPoolExecutor() as pool:  # files are hashed outside Python's lock
         lists = pool.map(
-            lambda rows: [[_digest(stage, row, verified) for stage in stages] for row in rows],
+            lambda rows: [[_digest(stage, row, states) for stage in stages] for row in rows],
             _batches(list(records.rows.values())),
         )
         digests = dict(zip(records.rows, itertools.chain.from_iterable(lists), strict=True))
-    verified.save()
+    states.save()
     write_records(root, records)
     write_whole(root / INPUTS, json.dumps(digests, indent=1) + "\n")
-    watched = root / objects.meshes
+    folder = root / objects.meshes
     meshes = (path for row in records.rows.values() for path in (row["mesh"], row["texture"]) if path)
-    if watched.is_dir() and not all(path.is_relative_to(watched) for path in _absolute(meshes)):
+    if folder.is_dir() and not all(path.is_relative_to(folder) for path in _absolute(meshes)):
         print(
             f"warning: {PARAMETERS}: objects.meshes is {objects.meshes}, and {objects.table} names files "
             "outside it. `dvc repro` does not see when they change. Set it to the folder of all meshes.",
@@ -63,11 +63,11 @@ def _absolute(paths: Iterable[Path]) -> Iterable[Path]:
     return (Path(os.path.abspath(path)) for path in paths)
 
 
-def _digest(stage: Stage, row: Row, verified: Verified) -> str:
+def _digest(stage: Stage, row: Row, states: Verified) -> str:
     """Return a digest of all that a stage reads of an object beside its record, or why it cannot be read."""
     assert stage.sources is not None
     try:
-        digests = {role: source_digest(path, verified) for role, path in stage.sources(row).items()}
+        digests = {role: source_digest(path, states) for role, path in stage.sources(row).items()}
     except InputError as error:
         return error.finding
     return fingerprint({"inputs": digests, "record": {name: row[name] for name in stage.fields}})

@@ -50,10 +50,12 @@ def make_products(root: Path, place: str | None = None) -> StageRun:
 def record_stage(root: Path, name: str, place: str | None = None) -> StageRun:
     """Find the products of a stage as the manifest lists them, else converge all stages; write a receipt."""
     with exclusive(root, f"record of stage {name}"):
-        verified = Verified(root)
-        recorded = is_listed(root, STAGES[name], read_products(root), verified)
-        verified.save()
-        run = StageRun(stages=(), exit_code=0, notes=()) if recorded else _converge(root, list(STAGES), place)
+        states = Verified(root)
+        is_current = is_listed(root, STAGES[name], read_products(root), states)
+        states.save()
+        run = (
+            StageRun(stages=(), exit_code=0, notes=()) if is_current else _converge(root, list(STAGES), place)
+        )
         if run.exit_code == 0:
             write_receipt(root, name)
         return run
@@ -71,12 +73,12 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     parameters = read_parameters(root / PARAMETERS)
     where = read_place(root, place)
     records = read_table(root, parameters.objects) if "objects" in names else read_records(root)
-    selected = records.selected(read_selection(root))
-    others = records.listed - selected.listed
+    selection = records.selected(read_selection(root))
+    rest = records.listed - selection.listed
     notes = []
-    if others:
+    if rest:
         notes.append(
-            f"{SELECTION} selects {len(selected.listed)} of {len(records.listed)} objects; "
+            f"{SELECTION} selects {len(selection.listed)} of {len(records.listed)} objects; "
             "products of the others stay as they are"
         )
     stages = [STAGES[name] for name in names]
@@ -86,24 +88,24 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
 
         return runner(where, root, jobs, stages)
 
-    refused = [FailedObject.of("objects", failure) for failure in selected.refused if "objects" in names]
+    refusals = [FailedObject.of("objects", failure) for failure in selection.refused if "objects" in names]
     with without_collector():
-        verified, cache, listed = Verified(root), ProductCache(root), read_products(root)
-        cache.add(listed.values())
-        set_damaged_aside(root, listed, verified)
-    summaries = converge(stages, root, parameters, selected.rows, runner_for, refused, others, verified)
+        states, cache, entries = Verified(root), ProductCache(root), read_products(root)
+        cache.add(entries.values())
+        set_damaged_aside(root, entries, states)
+    summaries = converge(stages, root, parameters, selection.rows, runner_for, refusals, rest, states)
     with without_collector():
-        changed = set_changed_aside(root, listed, summaries, verified)
-        cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), verified))
-        verified.save()
-    if removed := sorted({name for summary in summaries for name in summary.removed} - records.listed):
-        more = f" and {len(removed) - NAMED} more" if len(removed) > NAMED else ""
+        changes = set_changed_aside(root, entries, summaries, states)
+        cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), states))
+        states.save()
+    if strangers := sorted({name for summary in summaries for name in summary.removed} - records.listed):
+        more = f" and {len(strangers) - NAMED} more" if len(strangers) > NAMED else ""
         table = parameters.objects.table
         notes.append(
-            f"products removed of objects that {table} does not list: {', '.join(removed[:NAMED])}{more}"
+            f"products removed of objects that {table} does not list: {', '.join(strangers[:NAMED])}{more}"
         )
     exit_code = max(summary.exit_code(parameters.allow_failures) for summary in summaries)
-    if changed:
+    if changes:
         notes.append("run again: products changed while this run went on")
         exit_code = 1
     return StageRun(stages=tuple(summaries), exit_code=exit_code, notes=tuple(notes))

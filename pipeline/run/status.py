@@ -80,31 +80,31 @@ def status(
         ``params.yaml``, the table of objects or ``data/failures.json`` cannot be used.
     """
     parameters = parameters or read_parameters(root / "params.yaml")
-    refused: dict[str, str] = {}
-    listed = frozenset(rows or ())
+    refusals: dict[str, str] = {}
+    ids = frozenset(rows or ())
     if rows is None:
         require_whole(root)
         records = read_table(root, parameters.objects)
-        listed = records.listed
+        ids = records.listed
         records = records.selected(read_selection(root))
         rows = records.rows
-        refused = {failure.object_id: failure.error for failure in records.refused}
-    verified = Verified(root, momentary=True)
+        refusals = {failure.object_id: failure.error for failure in records.refused}
+    products_seen = Verified(root, momentary=True)
     failures = {(failure.object, failure.stage): failure for failure in read_failures(root)}
-    found = [Status(object_id, stages[0].name, FAILED, (error,)) for object_id, error in refused.items()]
+    entries = [Status(object_id, stages[0].name, FAILED, (error,)) for object_id, error in refusals.items()]
     for object_id, row in rows.items():
         behind: set[str] = set()  # stages of this object that are not current
         for stage in stages:
-            one = _of(stage, root, parameters, object_id, row, verified, behind, failures)
-            if one.state != CURRENT:
+            entry = _of(stage, root, parameters, object_id, row, products_seen, behind, failures)
+            if entry.state != CURRENT:
                 behind.add(stage.name)
-            found.append(one)
+            entries.append(entry)
     for stage in stages:
         present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
-        found += [Status(object_id, stage.name, UNLISTED) for object_id in sorted(present - listed)]
+        entries += [Status(object_id, stage.name, UNLISTED) for object_id in sorted(present - ids)]
     if owner(root) is None:
-        verified.save()
-    return found
+        products_seen.save()
+    return entries
 
 
 def _of(
@@ -113,50 +113,50 @@ def _of(
     parameters: Parameters,
     object_id: str,
     row: Row,
-    verified: Verified,
+    products_seen: Verified,
     behind: set[str],
     failures: Mapping[tuple[str, str], FailedObject],
 ) -> Status:
-    awaited = tuple(f"waits for {name}" for name in sorted(stage.follows & behind))
+    waits = tuple(f"waits for {name}" for name in sorted(stage.follows & behind))
     try:
-        prepared = stage.prepare(root, parameters, object_id, row, verified)
+        prepared = stage.prepare(root, parameters, object_id, row, products_seen)
     except InputError as error:
-        if awaited:
-            return Status(object_id, stage.name, WAITING, awaited)
+        if waits:
+            return Status(object_id, stage.name, WAITING, waits)
         return Status(object_id, stage.name, FAILED, (f"{error.where}: {error.finding}",))
     wanted = fingerprint(prepared.parts)
     say = partial(Status, object_id, stage.name, wanted=wanted)
     targets = stage.targets(root, object_id)
-    kept: list[str] = []
+    fingerprints: list[str] = []
     for path in targets:
         try:
-            kept.append(verified.attributes(path, (FINGERPRINT,))[FINGERPRINT])
+            fingerprints.append(products_seen.attributes(path, (FINGERPRINT,))[FINGERPRINT])
         except FileNotFoundError:
-            if awaited:
-                return Status(object_id, stage.name, WAITING, awaited)
+            if waits:
+                return Status(object_id, stage.name, WAITING, waits)
             failure = failures.get((object_id, stage.name))
             if failure and failure.fingerprint == wanted:
                 return say(FAILED, (failure.error,))
             return say(MISSING)
         except FormatError as error:
             return say(STALE, (f"unreadable: {error.finding}",))
-    if all(one == wanted for one in kept):
-        warnings = _warnings(stage, targets[0], verified)
-        return say(WAITING if awaited else CURRENT, awaited, warnings=warnings)
-    changed = next(path for path, one in zip(targets, kept, strict=True) if one != wanted)
-    found = _differences(changed, prepared.parts)
-    return say(STALE, tuple(map(str, found)), found)
+    if all(value == wanted for value in fingerprints):
+        warnings = _warnings(stage, targets[0], products_seen)
+        return say(WAITING if waits else CURRENT, waits, warnings=warnings)
+    stale = next(path for path, value in zip(targets, fingerprints, strict=True) if value != wanted)
+    changes = _differences(stale, prepared.parts)
+    return say(STALE, tuple(map(str, changes)), changes)
 
 
-def _warnings(stage: Stage, path: Path, verified: Verified) -> tuple[str, ...]:
+def _warnings(stage: Stage, path: Path, products_seen: Verified) -> tuple[str, ...]:
     """Attributes of a cleaned mesh and of modes that are shown; other products repeat them or have none."""
     if OBJECTS not in stage.products and MODES not in stage.products:
         return ()
     try:
-        said = verified.attributes(path, ("warnings",))["warnings"]
+        words = products_seen.attributes(path, ("warnings",))["warnings"]
     except FormatError:
         return ()
-    return tuple(text for text in said if isinstance(text, str)) if isinstance(said, list) else ()
+    return tuple(text for text in words if isinstance(text, str)) if isinstance(words, list) else ()
 
 
 def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Reason, ...]:
@@ -170,24 +170,24 @@ def _differences(path: Path, parts: Mapping[str, Any]) -> tuple[Reason, ...]:
 
 def table(statuses: Sequence[Status]) -> str:
     """Return counts of every stage, and reasons, objects that share one together."""
-    stages = list(dict.fromkeys(one.stage for one in statuses))
-    shown = [state for state in STATES if any(one.state == state for one in statuses)] or [CURRENT]
-    counts = Counter((one.stage, one.state) for one in statuses)
-    rows = [(stage, *(str(counts[stage, state] or "") for state in shown)) for stage in stages]
-    lines = columns([("stage", *shown), *rows])
+    stages = list(dict.fromkeys(entry.stage for entry in statuses))
+    states = [state for state in STATES if any(entry.state == state for entry in statuses)] or [CURRENT]
+    counts = Counter((entry.stage, entry.state) for entry in statuses)
+    rows = [(stage, *(str(counts[stage, state] or "") for state in states)) for stage in stages]
+    lines = columns([("stage", *states), *rows])
     reasons: dict[tuple[str, str], list[str]] = defaultdict(list)
     doubts: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for one in statuses:
-        if one.state not in (CURRENT, WAITING):
-            why = f" ({'; '.join(one.reasons)})" if one.reasons else ""
-            reasons[f"{one.stage} {one.state}", why].append(one.object_id)
-        for text in one.warnings:
-            doubts["warning", f": {text}"].append(one.object_id)
-    for what, groups in (("reasons", reasons), ("warnings", doubts)):
-        said = [f"{title}: {_names(names)}{why}" for (title, why), names in groups.items()]
-        lines += ["", *said[:LINES]] if said else []
-        if len(said) > LINES:
-            lines.append(f"... and {len(said) - LINES} more {what} (--json has all)")
+    for entry in statuses:
+        if entry.state not in (CURRENT, WAITING):
+            why = f" ({'; '.join(entry.reasons)})" if entry.reasons else ""
+            reasons[f"{entry.stage} {entry.state}", why].append(entry.object_id)
+        for text in entry.warnings:
+            doubts["warning", f": {text}"].append(entry.object_id)
+    for section, groups in (("reasons", reasons), ("warnings", doubts)):
+        words = [f"{title}: {_names(names)}{why}" for (title, why), names in groups.items()]
+        lines += ["", *words[:LINES]] if words else []
+        if len(words) > LINES:
+            lines.append(f"... and {len(words) - LINES} more {section} (--json has all)")
     return "\n".join(lines)
 
 

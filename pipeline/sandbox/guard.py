@@ -48,8 +48,8 @@ def main() -> None:
         serve(guard, scratch=sys.argv[1])
     os.dup2(2, 1)  # that the end of the answers is seen when the task's process ends
     status = _wait(task, woken)
-    killed = _end_all(task)
-    _end_as(killed if status is None else status)
+    end = _end_all(task)
+    _end_as(end if status is None else status)
 
 
 def _wait(task: int, woken: int) -> int | None:

@@ -39,12 +39,12 @@ def available_bytes() -> int:
     """Return the bytes that can still be taken before the host swaps or kills."""
     import psutil
 
-    left = [int(psutil.virtual_memory().available)]
+    room = [int(psutil.virtual_memory().available)]
     for group in _groups():
         limit, used = _number(group.limit), _number(group.used)
         if limit is not None and used is not None:
-            left.append(max(0, limit - used + _entry(group.statistics, group.reclaimable)))
-    return min(left)
+            room.append(max(0, limit - used + _entry(group.statistics, group.reclaimable)))
+    return min(room)
 
 
 def out_of_memory_kills() -> int:
@@ -53,8 +53,8 @@ def out_of_memory_kills() -> int:
     A group counts its own that die, be it the group or the whole host that runs out. What dies elsewhere on
     the host says nothing of a task here, so its count is not asked: 0 where no group counts.
     """
-    counted = (group for group in _all_groups() if group.events.is_file())
-    return next((_entry(group.events, "oom_kill") for group in counted), 0)
+    groups = (group for group in _all_groups() if group.events.is_file())
+    return next((_entry(group.events, "oom_kill") for group in groups), 0)
 
 
 @functools.cache

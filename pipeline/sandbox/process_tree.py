@@ -26,16 +26,16 @@ def end_with_variable(name: str, value: str) -> None:
     """
     import psutil
 
-    killed = True
-    while killed:
-        killed = False
+    is_unfinished = True
+    while is_unfinished:
+        is_unfinished = False
         for process in psutil.process_iter(["environ"]):
             environment = process.info["environ"] or {}  # of another user's process, nothing is known
             if environment.get(name) == value and process.pid != os.getpid():
                 with contextlib.suppress(psutil.Error):
                     process.kill()
                     process.wait(1.0)
-                    killed = True
+                    is_unfinished = True
 
 
 def _children(pid: int) -> Iterator[int]:

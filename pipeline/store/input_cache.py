@@ -29,12 +29,12 @@ class InputCache:
     def find(self, name: str, target: Path, check: Callable[[Path], None]) -> bool:
         """Put a file into place if it is here and whole; `check` raises FormatError where it is not."""
         try:
-            found = _get_whole(self._files, name, target, check)
+            is_whole = _get_whole(self._files, name, target, check)
         except FormatError:
             return False
         with contextlib.suppress(FileNotFoundError):
             os.utime(self._folder / name)
-        return found
+        return is_whole
 
     def fetch(self, store: Store, name: str, target: Path, check: Callable[[Path], None]) -> bool:
         """Put a file into place, from here or from `store`; False if neither has it.
@@ -58,13 +58,13 @@ class InputCache:
         with contextlib.suppress(ObjectFolderError, OSError):
             if self._files.size(name) is None:
                 self._files.put(path, name)
-        found = []
+        entries = []
         for file in self._folder.rglob("*"):
             with contextlib.suppress(OSError):
                 status = file.stat()
                 if stat.S_ISREG(status.st_mode):
-                    found.append((status.st_mtime, status.st_size, file))
-        for file in excess(found, self._cap_bytes):
+                    entries.append((status.st_mtime, status.st_size, file))
+        for file in excess(entries, self._cap_bytes):
             file.unlink(missing_ok=True)
 
 
@@ -77,8 +77,8 @@ def open_cache() -> InputCache:
         ``OBJECTFOLDER_CACHE_GB`` is no number, or the folder belongs to another user.
     """
     cap_bytes = int(1e9 * number_of(CAP, DEFAULT_GB))
-    if named := os.environ.get(FOLDER):
-        return InputCache(Path(named), cap_bytes)
+    if variable := os.environ.get(FOLDER):
+        return InputCache(Path(variable), cap_bytes)
     # Not TMPDIR, which is each child's own scratch folder.
     place = Path("/var/tmp") if os.path.isdir("/var/tmp") else Path.home()
     return InputCache(own_folder(place / f"objectfolder-cache-{os.getuid()}", FOLDER), cap_bytes)

@@ -73,10 +73,10 @@ class ProductCache:
             The disk is full.
         """
         cached = self.files(fingerprint, targets)
-        damaged = [path for path in cached if products.md5_of(path) != "".join(path.parts[-2:])]
-        for path in damaged:
+        faults = [path for path in cached if products.md5_of(path) != "".join(path.parts[-2:])]
+        for path in faults:
             path.unlink()
-        if cached and not damaged:
+        if cached and not faults:
             for source, target in zip(cached, targets, strict=True):
                 try:
                     copy_file(source, target)

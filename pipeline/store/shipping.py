@@ -84,10 +84,10 @@ class Shipment(Call):
             with tempfile.TemporaryDirectory(prefix="shipment-") as folder:
                 return self._run(execute, store, cache, Path(folder))
         except (ObjectFolderError, OSError) as error:
-            found = error
+            trouble = error
             if isinstance(error, OSError):  # of this host's disk
-                found = disk_error(error, error.filename or tempfile.gettempdir())
-            failure = failure_of(self.request.object_id, found)
+                trouble = disk_error(error, error.filename or tempfile.gettempdir())
+            failure = failure_of(self.request.object_id, trouble)
             return Outcome(self.request.object_id, failure, fingerprint=self.fingerprint)
 
     def _run(
@@ -112,15 +112,15 @@ class Shipment(Call):
         return outcome
 
     def _fetch(self, store: Store, cache: InputCache, folder: Path) -> dict[str, Path]:
-        inputs = {name: folder / stored.place for name, stored in self.inputs.items()}
-        for name, stored in self.inputs.items():
+        inputs = {name: folder / entry.place for name, entry in self.inputs.items()}
+        for name, entry in self.inputs.items():
             try:
-                found = cache.fetch(store, stored.name, inputs[name], stored.check)
+                trouble = cache.fetch(store, entry.name, inputs[name], entry.check)
             except FormatError as error:
                 raise SimulationError(
                     store.url, f"its copy of the input {name} was damaged", "Run again: it is sent once more."
                 ) from error
-            if not found:
+            if not trouble:
                 raise SimulationError(
                     store.url, f"the input {name} is gone", "Run again: it is sent once more."
                 )
@@ -144,12 +144,12 @@ def publish(job: Job, store: Store) -> Shipment:
         A file that is gone or changed, or a store that fails.
     """
     inputs = _stored_inputs(job)
-    for name, stored in inputs.items():
+    for name, entry in inputs.items():
         path = job.call.request.inputs[name]
         try:
-            if store.size(stored.name) != path.stat().st_size:
-                stored.check(path)
-                store.put(path, stored.name)
+            if store.size(entry.name) != path.stat().st_size:
+                entry.check(path)
+                store.put(path, entry.name)
         except FileNotFoundError as error:
             raise InputError(path.name, "an input was removed during the run", "Run again.") from error
         except FormatError as error:
@@ -183,12 +183,14 @@ def _stored_inputs(job: Job) -> dict[str, StoredInput]:
     """Return what a job's inputs are and where they belong."""
     inputs = job.call.request.inputs
     suffixes = (products.ZARR, products.TENSORS)
-    made = {name for name, path in inputs.items() if path.name.endswith(suffixes)}
-    sources = {name: os.path.normpath(path.absolute()) for name, path in inputs.items() if name not in made}
+    outputs = {name for name, path in inputs.items() if path.name.endswith(suffixes)}
+    sources = {
+        name: os.path.normpath(path.absolute()) for name, path in inputs.items() if name not in outputs
+    }
     common = os.path.commonpath([os.path.dirname(path) for path in sources.values()]) if sources else ""
     places = {name: f"sources/{Path(path).relative_to(common).as_posix()}" for name, path in sources.items()}
-    places.update({name: f"products/{name}/{inputs[name].name}" for name in made})
-    return {name: StoredInput(places[name], job.inputs[name], name in made) for name in inputs}
+    places.update({name: f"products/{name}/{inputs[name].name}" for name in outputs})
+    return {name: StoredInput(places[name], job.inputs[name], name in outputs) for name in inputs}
 
 
 def _product_names(call: Call) -> list[str]:

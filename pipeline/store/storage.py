@@ -98,9 +98,9 @@ class Store:
             if isinstance(path, Path):
                 copy_file(path, target)
             else:
-                found = self._files.get(path)
+                content = self._files.get(path)
                 with atomic_write(target) as file:
-                    for part in found.stream():
+                    for part in content.stream():
                         file.write(part)
             return True
         return False
@@ -181,9 +181,9 @@ def copy_file(source: Path, target: Path) -> None:
 
 def excess(entries: Iterable[tuple[float, int, Path]], cap_bytes: int) -> Iterator[Path]:
     """Yield the paths longest unused until the others fit the cap; an entry is (time, bytes, path)."""
-    ordered = sorted(entries)
-    total = sum(size for _, size, _ in ordered)
-    for _, size, path in ordered:
+    oldest = sorted(entries)
+    total = sum(size for _, size, _ in oldest)
+    for _, size, path in oldest:
         if total <= cap_bytes:
             return
         yield path

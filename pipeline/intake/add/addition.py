@@ -124,8 +124,8 @@ def checked_object(request: AddRequest) -> Iterator[Checked]:
     material = find_material(read_materials(request.materials), request.material, "--material")
     request = replace(request, object_id=request.object_id or object_id_of(request.mesh))
     with TemporaryDirectory(prefix="objectfolder-decimated-") as folder:
-        decimated, warnings = with_decimated_mesh(request, material, Path(folder))
-        checked = check_object(decimated)
+        coarse, warnings = with_decimated_mesh(request, material, Path(folder))
+        checked = check_object(coarse)
         yield replace(checked, warnings=(*warnings, *checked.warnings))
 
 

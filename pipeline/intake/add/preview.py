@@ -63,47 +63,47 @@ def walls_marked(mesh: TexturedMesh, least_wall_m: float) -> Tint:
     return marked
 
 
-def preview_of(checked: Checked, path: Path, lines: Sequence[str]) -> None:
+def preview_of(candidate: Checked, path: Path, lines: Sequence[str]) -> None:
     """Write the picture of an object that was read; doubtful walls are marked."""
-    mesh, tint = textured_mesh_of(checked.product), None
-    if any(finding.kind == THIN for finding in checked.findings):
-        tint = walls_marked(mesh, WALL_LIMITS.get(checked.material.name, ANY_MATERIAL).least_wall_m)
+    mesh, tint = textured_mesh_of(candidate.product), None
+    if any(finding.kind == THIN for finding in candidate.findings):
+        tint = walls_marked(mesh, WALL_LIMITS.get(candidate.material.name, ANY_MATERIAL).least_wall_m)
     write_preview(path, mesh, lines, tint)
 
 
-def lines_about(checked: Checked) -> list[str]:
+def lines_about(candidate: Checked) -> list[str]:
     """Size, volume, mass, walls, and what is doubtful."""
-    attributes, walls = checked.product.attributes, checked.walls
+    attributes, walls = candidate.product.attributes, candidate.walls
     topology, cavities = attributes["topology"], attributes["cleaning"]["cavities"]
     extents = attributes["length"]["extents_m"]
-    origin = "as in the file" if checked.row["length_m"] == AS_IN_FILE else "as stated"
-    density = checked.material.density_kg_m3
-    closed = (
+    origin = "as in the file" if candidate.row["length_m"] == AS_IN_FILE else "as stated"
+    density = candidate.material.density_kg_m3
+    closure = (
         "closed"
         if walls.closed
         else f"{'closed but for cracks' if walls.cracked else 'open'} ({topology['boundary_edges']} boundary "
         "edges): filled as it sounds"
     )
     lines = [
-        f"object       {checked.row['name']} ({checked.object_id}), {checked.row['licence']}",
+        f"object       {candidate.row['name']} ({candidate.object_id}), {candidate.row['licence']}",
         f"size         {' x '.join(f'{side:.4g}' for side in extents)} m, longest side {origin}",
-        f"surface      {len(checked.product['faces'])} triangles, {closed}, "
+        f"surface      {len(candidate.product['faces'])} triangles, {closure}, "
         f"pieces {topology['components'] - cavities}, cavities {cavities}, "
         f"normals {told_normals(attributes['normals_of_source'])}",
-        f"looks        {looks_of(textured_mesh_of(checked.product))}",
+        f"looks        {looks_of(textured_mesh_of(candidate.product))}",
         f"up           {attributes.get('source_up', 'z')} of the file",
         f"volume       {_number(1e6 * walls.volume_m3)} cm3, {_number(density * walls.volume_m3)} kg of "
-        f"{checked.material.name} ({density:g} kg/m3)",
+        f"{candidate.material.name} ({density:g} kg/m3)",
     ]
     solid = f"2V/A {millimetres(walls.effective_m)}, thickest {millimetres(walls.bulk_m)}"
-    walled = "none"
+    wall_words = "none"
     if walls.wall_median_m is not None:
-        walled = f"{100 * walls.wall_share:.0f} % of the area, median {millimetres(walls.wall_median_m)}"
+        wall_words = f"{100 * walls.wall_share:.0f} % of the area, median {millimetres(walls.wall_median_m)}"
     if walls.wall_thin_m is not None:
-        walled += f", {100 * THIN_SHARE:.0f} % of the area below {millimetres(walls.wall_thin_m)}"
-    lines.append(f"walls        {walled}; {solid}")
-    lines += [f"warning      {text}" for text in checked.warnings]
-    lines += [f"walls?       {finding}" for finding in checked.findings]
+        wall_words += f", {100 * THIN_SHARE:.0f} % of the area below {millimetres(walls.wall_thin_m)}"
+    lines.append(f"walls        {wall_words}; {solid}")
+    lines += [f"warning      {text}" for text in candidate.warnings]
+    lines += [f"walls?       {finding}" for finding in candidate.findings]
     return lines
 
 

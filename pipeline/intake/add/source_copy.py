@@ -74,24 +74,24 @@ def layout_of(mesh: Path, texture: Path | None) -> Layout:
     mesh = mesh.absolute()
     texture = None if texture is None else texture.absolute()
     files = [file.absolute() for file in source_files(mesh, texture)]
-    referred = [Path(os.path.normpath(file)) for file in files if file not in (mesh, texture)]
-    beside = [Path(os.path.normpath(mesh)), *referred]
+    more = [Path(os.path.normpath(file)) for file in files if file not in (mesh, texture)]
+    beside = [Path(os.path.normpath(mesh)), *more]
     root = Path(os.path.commonpath([file.parent for file in beside]))
-    placed = {file.relative_to(root): file for file in beside}
+    targets = {file.relative_to(root): file for file in beside}
     mesh_place = beside[0].relative_to(root)
     if mesh_place.parent == Path():
-        del placed[mesh_place]
-        mesh_place = _free(Path((safe_name(mesh.stem) or "model") + mesh.suffix.lower()), placed)
-        placed[mesh_place] = mesh
+        del targets[mesh_place]
+        mesh_place = _free(Path((safe_name(mesh.stem) or "model") + mesh.suffix.lower()), targets)
+        targets[mesh_place] = mesh
     texture_place = None
     if texture is not None:
         name = (safe_name(texture.stem) or "texture") + texture.suffix.lower()
-        texture_place = _free(Path(name), placed)
-        placed[texture_place] = texture
-    for place in placed:
+        texture_place = _free(Path(name), targets)
+        targets[texture_place] = texture
+    for place in targets:
         if not str(place).isprintable():
             raise InputError(str(mesh), f"refers to a file named {str(place)!r}", "Rename it in both places")
-    return Layout(placed, mesh_place, texture_place)
+    return Layout(targets, mesh_place, texture_place)
 
 
 def copy_files(layout: Layout, folder: Path) -> None:

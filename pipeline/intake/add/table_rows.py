@@ -40,8 +40,8 @@ class Table:
         """Yield index among the records, and cells by column, of each row that is not empty."""
         for index, cells in enumerate(self.cells[1:], start=1):
             if any(cells):
-                padded = [*cells, *[""] * (len(self.columns) - len(cells))]
-                yield index, dict(zip(self.columns, padded, strict=False))
+                full_row = [*cells, *[""] * (len(self.columns) - len(cells))]
+                yield index, dict(zip(self.columns, full_row, strict=False))
 
     def row_of(self, object_id: str) -> tuple[int, dict[str, str]] | None:
         """Return the row with an id, case ignored as on some file systems; None without one."""
@@ -82,8 +82,8 @@ def read_table(path: Path) -> Table:
     return table
 
 
-def with_row(table: Table, row: Mapping[str, str], replaced: int | None = None) -> str:
-    """Return the table's text with a row added at its end, or in place of the record `replaced`.
+def with_row(table: Table, row: Mapping[str, str], row_index: int | None = None) -> str:
+    """Return the table's text with a row added at its end, or in place of the record `row_index`.
 
     Columns that the table lacks and the row fills are added to the header; cells of the replaced row in
     columns that `row` does not name stay.
@@ -93,20 +93,20 @@ def with_row(table: Table, row: Mapping[str, str], replaced: int | None = None) 
         return _written(columns, "\n") + _written([row.get(name, "") for name in columns], "\n")
     records = list(table.records)
     end = records[0][len(records[0].rstrip("\r\n")) :] or "\n"
-    added = [name for name, value in row.items() if value and name not in table.columns]
-    if added:
+    new = [name for name, value in row.items() if value and name not in table.columns]
+    if new:
         head = records[0].rstrip("\r\n")
-        records[0] = f"{head},{_written(added, end)}"
-    columns = [*table.columns, *added]
+        records[0] = f"{head},{_written(new, end)}"
+    columns = [*table.columns, *new]
     old_cells: Mapping[str, str] = {}
-    if replaced is None:
+    if row_index is None:
         records[-1] += "" if records[-1].endswith(("\n", "\r")) else end
-        replaced = len(records)
+        row_index = len(records)
         records.append("")
     else:
-        old_cells = dict(zip(table.columns, table.cells[replaced], strict=False))
+        old_cells = dict(zip(table.columns, table.cells[row_index], strict=False))
     values = [row[name] if name in row else old_cells.get(name, "") for name in columns]
-    records[replaced] = _written(values, end)
+    records[row_index] = _written(values, end)
     return "".join(records)
 
 

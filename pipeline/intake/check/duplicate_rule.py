@@ -21,15 +21,15 @@ SHARED: tuple[tuple[str, str, Key], ...] = (
 def check(entries: Sequence[Entry]) -> Iterator[Finding]:
     """Find rows that share a source, a mesh, a surface or a texture; each once, at the later row."""
     id_pairs: set[tuple[str, str]] = set()
-    pairs = [(what, column, pair) for what, column, key in SHARED for pair in _sharing(entries, key)] + [
+    pairs = [(noun, column, pair) for noun, column, key in SHARED for pair in _sharing(entries, key)] + [
         ("the cleaned surface", "mesh", pair) for pair in _alike(entries)
     ]
-    for what, column, (first, second) in pairs:
+    for noun, column, (first, second) in pairs:
         if (first.object_id, second.object_id) in id_pairs:
             continue
         id_pairs.add((first.object_id, second.object_id))
         same = first.cell("material") == second.cell("material")
-        finding = f"shares {what} with {first.object_id}" + (
+        finding = f"shares {noun} with {first.object_id}" + (
             ", and the material" if same else f", which is of {first.cell('material')}"
         )
         remedy = "Remove one of them" if same else "Keep both only if both materials are meant"

@@ -168,22 +168,22 @@ def measure(record: ObjectRecord) -> Shape:
         Files that the factory cannot use.
     """
     where = f"{record.id} ({record.mesh.name})"
-    cleaned, report = clean(load_mesh(record.mesh, record.texture, up=record.up), where)
-    extents = tuple(float(side) for side in cleaned.extents)
-    mesh, _ = with_length(cleaned, record.length_m, where)
+    clean_mesh, report = clean(load_mesh(record.mesh, record.texture, up=record.up), where)
+    extents = tuple(float(side) for side in clean_mesh.extents)
+    mesh, _ = with_length(clean_mesh, record.length_m, where)
     return Shape(
         file_extents=(extents[0], extents[1], extents[2]),
         topology=topology_of(mesh.surface),
         walls=measure_walls(mesh.surface),
         mesh_sha256=file_digest(record.mesh),
         texture_sha256=None if record.texture is None else file_digest(record.texture),
-        faces=len(cleaned.faces),
+        faces=len(clean_mesh.faces),
         cleaning=report,
         remarks=mesh.remarks,
         looks=looks_of(mesh),
         likeness=(
-            cleaned.surface.area,
-            abs(solid_properties(cleaned.vertices, cleaned.faces).volume_m3),
+            clean_mesh.surface.area,
+            abs(solid_properties(clean_mesh.vertices, clean_mesh.faces).volume_m3),
             *sorted(extents),
         ),
     )

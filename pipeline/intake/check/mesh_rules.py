@@ -29,9 +29,9 @@ def check_length(entry: Entry) -> Iterator[Finding]:
     """Find slips of unit, lengths of another side, and what differs from the paper's."""
     if entry.record is None or entry.shape is None:
         return
-    stated = entry.record.length_m
-    if stated is not None:
-        yield from _against_mesh(entry, entry.shape, stated)
+    statement_m = entry.record.length_m
+    if statement_m is not None:
+        yield from _against_mesh(entry, entry.shape, statement_m)
     length_m, papers = entry.shape.length_m, entry.number("paper_length_m")
     if papers is not None and not is_close(papers / length_m, 1):
         finding = (
@@ -43,15 +43,17 @@ def check_length(entry: Entry) -> Iterator[Finding]:
         yield entry.finding(LENGTH, severity, "paper_length_m", finding, remedy)
 
 
-def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding]:
+def _against_mesh(entry: Entry, shape: Shape, statement_m: float) -> Iterator[Finding]:
     side = shape.file_length
-    factor = stated / side
+    factor = statement_m / side
     if is_close(factor, 1):
         return
-    what = f"the stated {stated:.4g} m is {factor:.3g} times the longest side of the mesh, {side:.4g}"
+    statement = (
+        f"the stated {statement_m:.4g} m is {factor:.3g} times the longest side of the mesh, {side:.4g}"
+    )
     for extent, axis in sorted(zip(shape.file_extents, "xyz", strict=True), reverse=True)[1:]:
-        if is_close(stated / extent, 1) and not is_close(side / extent, 1):
-            finding = f"{what}; it is the side along {axis} ({extent:.4g})"
+        if is_close(statement_m / extent, 1) and not is_close(side / extent, 1):
+            finding = f"{statement}; it is the side along {axis} ({extent:.4g})"
             remedy = f"Give the longest side ({side:.4g}), or 'as in file'"
             yield entry.finding(LENGTH, WARNING, "length_m", finding, remedy)
             return
@@ -59,7 +61,7 @@ def _against_mesh(entry: Entry, shape: Shape, stated: float) -> Iterator[Finding
     if entry.source is not None:
         severity = ERROR if not 1 / 3 <= factor <= 3 else WARNING
         remedy = f"Write {side:.4g}, or 'as in file'"
-        yield entry.finding(LENGTH, severity, "length_m", f"{what}, which is in metres", remedy)
+        yield entry.finding(LENGTH, severity, "length_m", f"{statement}, which is in metres", remedy)
 
 
 def is_close(ratio: float, reference: float) -> bool:
@@ -69,11 +71,11 @@ def is_close(ratio: float, reference: float) -> bool:
 
 def check_mass(entry: Entry) -> Iterator[Finding]:
     """Find masses that contradict the published one, or that nothing of that size has."""
-    mass, published = mass_as_made(entry), entry.number("mass_kg")
+    mass, table_kg = mass_as_made(entry), entry.number("mass_kg")
     if mass is None or entry.shape is None:
         return
-    if published is not None:
-        yield from _against_published(entry, mass, published, entry.shape.length_m)
+    if table_kg is not None:
+        yield from _against_published(entry, mass, table_kg, entry.shape.length_m)
         return
     length_m = entry.shape.length_m
     too_heavy = length_m <= HELD_M and mass > HELD_KG
@@ -92,8 +94,8 @@ def mass_as_made(entry: Entry) -> float | None:
     return volume * entry.material.density_kg_m3
 
 
-def _against_published(entry: Entry, mass: float, published: float, length_m: float) -> Iterator[Finding]:
-    factor, material = mass / published, entry.material
+def _against_published(entry: Entry, mass: float, table_kg: float, length_m: float) -> Iterator[Finding]:
+    factor, material = mass / table_kg, entry.material
     if material is None or 1 / DOUBTFUL_FACTOR <= factor <= DOUBTFUL_FACTOR:
         return
     fitting = material.density_kg_m3 / factor
@@ -104,7 +106,7 @@ def _against_published(entry: Entry, mass: float, published: float, length_m: fl
     ]
     finding = (
         f"density times volume is {kilograms(mass)}, {factor:.2g} times the "
-        f"published {kilograms(published)}; {material.name} has {material.density_kg_m3:.0f} kg/m3, "
+        f"published {kilograms(table_kg)}; {material.name} has {material.density_kg_m3:.0f} kg/m3, "
         f"{fitting:.0f} would fit"
     )
     if near:

@@ -107,21 +107,21 @@ def accept(entry: Entry, findings: Sequence[Finding]) -> Iterator[Finding]:
 
     The cell lists names of rules, and the notes say why. Errors cannot be accepted.
     """
-    listed = [name for name in re.split(r"[\s,;]+", entry.cell(ACCEPTED)) if name]
-    for name in listed:
+    names = [name for name in re.split(r"[\s,;]+", entry.cell(ACCEPTED)) if name]
+    for name in names:
         if name not in RULES:
             remedy = did_you_mean(name, RULES, f"Use names of rules: {', '.join(RULES)}")
             yield entry.finding(ACCEPTED, WARNING, ACCEPTED, f"there is no rule {name!r}", remedy)
         elif entry.shape is not None and name not in [finding.rule for finding in findings]:
             phrase = f"the rule {name!r} finds nothing"
             yield entry.finding(ACCEPTED, NOTE, ACCEPTED, phrase, "Take it out of the list")
-    if listed and not entry.cell("notes"):
-        phrase = f"{', '.join(listed)} accepted without a reason"
+    if names and not entry.cell("notes"):
+        phrase = f"{', '.join(names)} accepted without a reason"
         yield entry.finding(ACCEPTED, WARNING, ACCEPTED, phrase, "Say why in the notes")
-        listed = []
+        names = []
     for finding in findings:
-        accepted = finding.rule in listed and finding.severity != ERROR
-        yield replace(finding, severity=NOTE, accepted=True) if accepted else finding
+        is_accepted = finding.rule in names and finding.severity != ERROR
+        yield replace(finding, severity=NOTE, accepted=True) if is_accepted else finding
 
 
 def read_entries(path: Path, materials: Mapping[str, Material]) -> list[Entry]:
@@ -169,12 +169,12 @@ def text(check: Check, table: Path, width: int) -> str:
     """Return a table of findings, worst first, a line for each kind of looks, and a line that sums up."""
     # That files are not fetched is said once for all of them.
     unfetched = (NOTE, row_rules.READABLE)
-    listed = [
+    cells = [
         finding
         for finding in check.findings
         if (finding.severity, finding.rule) != unfetched or finding.accepted
     ]
-    lines = _rows(listed, width)
+    lines = _rows(cells, width)
     if check.unfetched:
         lines += [
             f"{len(check.unfetched)} not fetched ({_ids(check.unfetched)}): size, mass, walls and surface "
@@ -183,10 +183,10 @@ def text(check: Check, table: Path, width: int) -> str:
     for looks, ids in _ids_by(check.looks).items():
         lines.append(f"looks  {_ids(ids)}: {looks}")
     counts = ", ".join(counted(check.count(severity), severity) for severity in (ERROR, WARNING, NOTE))
-    accepted = sum(finding.accepted for finding in check.findings)
+    acceptances = sum(finding.accepted for finding in check.findings)
     lines.append(
         f"{counted(check.objects, 'object')}, {check.measured} measured: {counts}"
-        + (f" ({accepted} accepted)" if accepted else "")
+        + (f" ({acceptances} accepted)" if acceptances else "")
     )
     return "\n".join(lines)
 

@@ -56,9 +56,9 @@ class Expected:
 
     def mismatch(self, size: int, md5: str) -> str:
         """Return how size and MD5 of a file differ from what is expected; empty if they do not."""
-        for name, value, expected in (("size", size, self.size), ("md5", md5, self.md5)):
-            if expected is not None and str(expected).lower() != str(value):
-                return f"differs from what is known of it: its {name} is {value}, not {expected}"
+        for name, value, expectation in (("size", size, self.size), ("md5", md5, self.md5)):
+            if expectation is not None and str(expectation).lower() != str(value):
+                return f"differs from what is known of it: its {name} is {value}, not {expectation}"
         return ""
 
 
@@ -144,50 +144,50 @@ class Downloader:
         with locked(path.with_name(".lock")), writing(path):
             path.unlink(missing_ok=True)
 
-    def _file(self, cache: Path, expected: Expected) -> Path:
-        path = cached_path(cache, expected.url)
+    def _file(self, cache: Path, expectation: Expected) -> Path:
+        path = cached_path(cache, expectation.url)
         with locked(path.with_name(".lock")), writing(path):
-            if not path.is_file() or expected.difference(path):
-                for left in path.parent.glob(f".*{PARTIAL}"):  # by a process that was killed
-                    left.unlink()
-                self._fetch(path, expected)
+            if not path.is_file() or expectation.difference(path):
+                for leftover in path.parent.glob(f".*{PARTIAL}"):  # by a process that was killed
+                    leftover.unlink()
+                self._fetch(path, expectation)
         return path
 
-    def _fetch(self, path: Path, expected: Expected) -> None:
+    def _fetch(self, path: Path, expectation: Expected) -> None:
         """Bring all of a file and verify it before it has its name; again where its body breaks off."""
         retry, end = self._retry, time.monotonic() + LONGEST_S
         while True:
             try:
                 with atomic_write(path) as file:
-                    return self._receive(file, expected, end)
+                    return self._receive(file, expectation, end)
             except HTTPError as problem:
                 finding = finding_of(problem)
                 try:
-                    retry = retry.increment("GET", expected.url, error=ProtocolError(finding))
+                    retry = retry.increment("GET", expectation.url, error=ProtocolError(finding))
                 except MaxRetryError:
                     finding = f"cannot be fetched: {finding}"
-                    raise UnreachableError(expected.url, finding, RETRY_REMEDY) from problem
+                    raise UnreachableError(expectation.url, finding, RETRY_REMEDY) from problem
             retry.sleep()
 
-    def _receive(self, file: BinaryIO, expected: Expected, end: float) -> None:
+    def _receive(self, file: BinaryIO, expectation: Expected, end: float) -> None:
         """Write the body of one answer; raise `HTTPError` where it is not whole."""
         count, digest = 0, hashlib.md5(usedforsecurity=False)
-        with self._get(expected.url) as response:
-            total = _total(response, expected)
-            self._progress(expected.url, count, total)
+        with self._get(expectation.url) as response:
+            total = _total(response, expectation)
+            self._progress(expectation.url, count, total)
             for block in response.raw.stream(BLOCK_BYTES, decode_content=False):
                 count += len(block)
-                if max(count, total or 0) > expected.limit_bytes:
+                if max(count, total or 0) > expectation.limit_bytes:
                     remedy = "No such file should be that large; look at it before fetching it."
-                    raise InputError(expected.url, f"larger than {expected.limit_bytes} bytes", remedy)
+                    raise InputError(expectation.url, f"larger than {expectation.limit_bytes} bytes", remedy)
                 if time.monotonic() > end:
                     finding = f"not there after {LONGEST_S / 3600:g} hours"
-                    raise UnreachableError(expected.url, finding, RETRY_REMEDY)
+                    raise UnreachableError(expectation.url, finding, RETRY_REMEDY)
                 file.write(block)
                 digest.update(block)
-                self._progress(expected.url, count, total)
-        if difference := expected.mismatch(count, digest.hexdigest()):
-            raise FormatError(expected.url, difference, REMEDY)
+                self._progress(expectation.url, count, total)
+        if difference := expectation.mismatch(count, digest.hexdigest()):
+            raise FormatError(expectation.url, difference, REMEDY)
 
     @contextlib.contextmanager
     def _get(self, url: str) -> Iterator[requests.Response]:
@@ -204,17 +204,17 @@ class Downloader:
             yield response
 
 
-def _total(response: requests.Response, expected: Expected) -> int | None:
+def _total(response: requests.Response, expectation: Expected) -> int | None:
     """Return the bytes of the whole file; None where the last chunk will tell."""
     if response.headers.get("Transfer-Encoding", "").lower() == "chunked":
         return None
     length = response.headers.get("Content-Length", "")
     if length.isdecimal():
         return int(length)
-    if expected.size is None and expected.md5 is None:
+    if expectation.size is None and expectation.md5 is None:
         raise InputError(
-            expected.url,
+            expectation.url,
             "its server does not say how long it is, so a cut connection would pass for its end",
             "Use a mirror.",
         )
-    return expected.size
+    return expectation.size

@@ -11,30 +11,30 @@ from pipeline.dataset.catalogue import AS_IN_FILE
 from pipeline.intake.sources.fetching import Fetched
 
 
-def lines_of(fetched: Fetched) -> str:
+def lines_of(outcomes: Fetched) -> str:
     """Return what an object is, and where its files are."""
-    source = fetched.source_object.source
-    size = f"{len(fetched.form.files)} files, {fetched.bytes / 1e6:.2f} MB"
-    new = f", hashes recorded: {fetched.recorded}" if fetched.recorded else ""
+    source = outcomes.source_object.source
+    size = f"{len(outcomes.form.files)} files, {outcomes.bytes / 1e6:.2f} MB"
+    new = f", hashes recorded: {outcomes.recorded}" if outcomes.recorded else ""
     return (
-        f"{fetched.source_object.id}  {fetched.outcome}, {size}{new}\n"
-        f"  mesh     {fetched.mesh}\n"
-        f"  texture  {fetched.texture or 'named by the mesh'}\n"
+        f"{outcomes.source_object.id}  {outcomes.outcome}, {size}{new}\n"
+        f"  mesh     {outcomes.mesh}\n"
+        f"  texture  {outcomes.texture or 'named by the mesh'}\n"
         f"  licence  {source.licence}; {source.attribution}"
     )
 
 
-def summary(fetched: Sequence[Fetched], table: Path, rows: Collection[Mapping[str, str]], count: int) -> str:
+def summary(outcomes: Sequence[Fetched], table: Path, rows: Collection[Mapping[str, str]], count: int) -> str:
     """Return rows to add to the table for new objects and, of several objects, how many there are."""
     in_table = {row.get("source_id") for row in rows}
-    new = [entry for entry in fetched if entry.source_object.id not in in_table]
+    new = [entry for entry in outcomes if entry.source_object.id not in in_table]
     lines = []
     if new:
         lines += [f"\nRows for {table}, each to be given its material:"]
         lines += [proposed_rows(new, table.parent).rstrip("\n")]
     if count > 1:
         lines += [
-            f"{len(fetched)} of {count} are there, {sum(entry.bytes for entry in fetched) / 1e6:.1f} MB"
+            f"{len(outcomes)} of {count} are there, {sum(entry.bytes for entry in outcomes) / 1e6:.1f} MB"
         ]
     return "\n".join(lines)
 
@@ -42,11 +42,11 @@ def summary(fetched: Sequence[Fetched], table: Path, rows: Collection[Mapping[st
 def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
     """Return CSV with a header: all that is known of objects but their materials; paths are from `folder`."""
     rows = []
-    for fetched in objects:
-        source, name = fetched.source_object.source, fetched.source_object.name
+    for outcomes in objects:
+        source, name = outcomes.source_object.source, outcomes.source_object.name
         mesh, texture = (
             Path(os.path.relpath(path, folder)).as_posix() if path else ""
-            for path in (fetched.mesh, fetched.texture)
+            for path in (outcomes.mesh, outcomes.texture)
         )
         rows.append(
             {
@@ -59,7 +59,7 @@ def proposed_rows(objects: Sequence[Fetched], folder: Path) -> str:
                 "source": source.title,
                 "licence": source.licence,
                 "attribution": source.attribution,
-                "source_id": fetched.source_object.id,
+                "source_id": outcomes.source_object.id,
             }
         )
     text = io.StringIO()

@@ -217,10 +217,10 @@ class Fetcher:
         """Fill an empty folder as the source lays it out; return which file is what, and the new hashes."""
         shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
         folder.mkdir(parents=True)
-        listed = source_object.source.downloads(
+        downloads = source_object.source.downloads(
             source_object.name, source_object.resolution, self._downloader
         )
-        for entry in listed:
+        for entry in downloads:
             file = self._file(entry, anew=anew)
             if entry.top is None:
                 place = folder / entry.path
@@ -235,7 +235,7 @@ class Fetcher:
         mesh, texture = source_object.source.mesh_and_texture(
             folder, source_object.name, source_object.resolution
         )
-        form = Form(mesh, texture, tuple(str(entry.url) for entry in listed), tuple(paths))
+        form = Form(mesh, texture, tuple(str(entry.url) for entry in downloads), tuple(paths))
         contents = {path: content_of(folder / path) for path in paths}
         return form, record_hashes(
             self._hashes, source_object.id, contents, accept_changed=self._accept_changed

@@ -30,8 +30,8 @@ class GoogleScannedObjects(Source):
 
     def downloads(self, name: str, resolution: str, documents: Downloader) -> list[Download]:
         """Return the archive of an object, whose members lie at its top."""
-        quoted = quote(name, safe="")
-        return [Download(f"{FUEL}models/{quoted}/{VERSION}/{quoted}.zip", f"{name}.zip", top="")]
+        url_name = quote(name, safe="")
+        return [Download(f"{FUEL}models/{url_name}/{VERSION}/{url_name}.zip", f"{name}.zip", top="")]
 
     def wanted(self, path: str) -> bool:
         """Leave out the "._" twins of archives that were made on a Mac."""

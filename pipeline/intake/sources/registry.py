@@ -85,7 +85,7 @@ def mirrored_addresses(mirrors: Iterable[str]) -> dict[str, str]:
     InputError
         No ``=``, an unknown source, or what stands in place is no http address.
     """
-    replaced: dict[str, str] = {}
+    new: dict[str, str] = {}
     for text in mirrors:
         of, _, address = text.rpartition("=") if "://" in text.partition("=")[0] else text.partition("=")
         if not of or not address.startswith(("http://", "https://")):
@@ -96,8 +96,8 @@ def mirrored_addresses(mirrors: Iterable[str]) -> dict[str, str]:
             )
         starts = (of,) if "://" in of else source_named(of).addresses
         for start in starts:
-            replaced[start] = address.rstrip("/") + "/" if start.endswith("/") else address
-    return replaced
+            new[start] = address.rstrip("/") + "/" if start.endswith("/") else address
+    return new
 
 
 class Resolutions:

@@ -156,8 +156,8 @@ def _members(archive: Path) -> Iterator[_Member]:
     with archive.open("rb") as file:
         start = file.read(512).lstrip()
     if start.startswith((b"PK\3\4", b"PK\5\6")):
-        with _Bounded(io.FileIO(archive)) as content, zipfile.ZipFile(content) as opened:
-            yield from _zip_members(content, opened)
+        with _Bounded(io.FileIO(archive)) as content, zipfile.ZipFile(content) as archive_file:
+            yield from _zip_members(content, archive_file)
     elif start.startswith(b"\x1f\x8b"):
         with _Bounded(gzip.GzipFile(archive), BUFFER) as content:
             yield from _tar_members(content)

@@ -45,8 +45,8 @@ def croissant_text(data_set: DataSet, root: Path, folder: Path) -> str:
         "distribution": _distribution(objects, base) if objects else [],
         "recordSet": [_objects(data_set), _object_files()] if objects else [],
     }
-    stated = {key: value for key, value in metadata.items() if value}
-    return json_lines(stated, 4) + "\n"
+    entries = {key: value for key, value in metadata.items() if value}
+    return json_lines(entries, 4) + "\n"
 
 
 def _some(values: Sequence[Any]) -> Any:

@@ -93,14 +93,14 @@ def citation_text(data_set: DataSet) -> str:
 def _front_matter(data_set: DataSet, reports: str) -> dict[str, Any]:
     licences = [licence for licence, _ in _licences(data_set)]
     names = list(dict.fromkeys(licence.hugging_face for licence in licences))
-    others = [licence.label for licence in licences if licence.hugging_face == "other"]
+    unnamed = [licence.label for licence in licences if licence.hugging_face == "other"]
     count = len(data_set.objects)
     table = {"config_name": "objects", "data_files": f"{reports}/{PER_OBJECT}", "default": True}
     front = {
         "pretty_name": data_set.publication.title,
         "license": names[0] if len(names) == 1 else names,
-        "license_name": "; ".join(others),
-        "license_link": "#sources-licences-attributions" if others else "",
+        "license_name": "; ".join(unnamed),
+        "license_link": "#sources-licences-attributions" if unnamed else "",
         "size_categories": [next((name for most, name in SIZE_CATEGORIES if count < most), "n>1M")],
         "tags": list(TAGS),
         "configs": [table] if any(entry.figures for entry in data_set.objects) else [],

@@ -185,15 +185,17 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     missing: list[FailedObject] = []
     definitions: dict[str, str] = {}
     for own in data_sets(root):
-        records, verified = read_records(own), Verified(own)
+        records, states = read_records(own), Verified(own)
         object_ids = [name for name in sorted(records.rows) if OBJECT_FILES.path(own, name).is_file()]
-        failed = {failure.object_id: FailedObject.of("objects", failure) for failure in records.refused}
+        failures_by_id = {
+            failure.object_id: FailedObject.of("objects", failure) for failure in records.refused
+        }
         # The first stage counts.
-        failed |= {failure.object: failure for failure in reversed(read_failures(own))}
+        failures_by_id |= {failure.object: failure for failure in reversed(read_failures(own))}
         unmade = records.listed.difference(object_ids)
-        missing += [failed.get(name, FailedObject(name, "", "not made", "")) for name in unmade]
+        missing += [failures_by_id.get(name, FailedObject(name, "", "not made", "")) for name in unmade]
         objects += [
-            _object(root, OBJECT_FILES.path(own, name), records.rows[name], figures.get(name, {}), verified)
+            _object(root, OBJECT_FILES.path(own, name), records.rows[name], figures.get(name, {}), states)
             for name in object_ids
         ]
         definitions = definitions or _definitions(own, object_ids)
@@ -210,7 +212,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
 
 
 def _object(
-    root: Path, path: Path, row: Mapping[str, Any], figures: Mapping[str, str], verified: Verified
+    root: Path, path: Path, row: Mapping[str, Any], figures: Mapping[str, str], states: Verified
 ) -> PublishedObject:
     object_id = path.name.removesuffix(OBJECT_FILES.suffix)
     return PublishedObject(
@@ -222,7 +224,7 @@ def _object(
         _line(row["attribution"]),
         path.relative_to(root).as_posix(),
         path.stat().st_size,
-        verified.source_digest(path),
+        states.source_digest(path),
         figures,
     )
 

@@ -80,13 +80,13 @@ def get(
     if unknown := set(stages).difference(KINDS):
         raise InputError(min(unknown), "no products of this name", f"There are {', '.join(KINDS)}.")
 
-    with opened(repository, remote) as published, ThreadPoolExecutor(max_workers=jobs) as pool:
+    with opened(repository, remote) as listing, ThreadPoolExecutor(max_workers=jobs) as pool:
         downloads = []
         for kind in (KINDS[stage] for stage in stages or (OBJECT_FILES.name,)):
             place = folder / kind.folder if stages else folder
-            chosen = published.chosen(kind, object_ids)
-            downloads += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in chosen.items()]
-        yield from pool.map(lambda product: _fetch(published.stores, progress, *product), downloads)
+            wish = listing.chosen(kind, object_ids)
+            downloads += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in wish.items()]
+        yield from pool.map(lambda product: _fetch(listing.stores, progress, *product), downloads)
 
 
 @contextlib.contextmanager

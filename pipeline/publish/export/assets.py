@@ -52,15 +52,15 @@ def write_assets(
         products = find_products(name, root)
         folder = output / products.object_id if len(names) > 1 else output
         formats = ALL_FORMATS if options.format == "all" else (options.format,)
-        described = _write(products, _asset(products, options), options, folder, formats)
-        collision = described["collision"]
+        summary = _write(products, _asset(products, options), options, folder, formats)
+        collision = summary["collision"]
         words = (
-            f"{described['mass_kg']:.4g} kg, {collision['parts']} convex parts, "
+            f"{summary['mass_kg']:.4g} kg, {collision['parts']} convex parts, "
             f"union {collision['union_iou']:.3f} of the solid, at most {collision['outward_m'] * 1e3:.2f} mm "
             "outside"
         )
         yield ExportSummary(
-            folder=str(folder), licence=products.credit().licence, figures=described, words=words
+            folder=str(folder), licence=products.credit().licence, figures=summary, words=words
         )
 
 
@@ -88,13 +88,13 @@ def compose_scene(
         raise InputError(
             str(output), f"two of its objects are called {max(ids, key=ids.count)}", "Rename one."
         )
-    laid = [assets[name] for name in names]
-    poses = lay_out(laid, table_m, height_m=height_m, seed=options.seed, upright=upright)
-    side_m = table_side(laid, poses) if table_m is None else table_m
+    row = [assets[name] for name in names]
+    poses = lay_out(row, table_m, height_m=height_m, seed=options.seed, upright=upright)
+    side_m = table_side(row, poses) if table_m is None else table_m
     for name, asset in assets.items():
         _write(products[name], asset, options, output.parent / asset.name, (kind,))
-    write_scene(output, [asset.name for asset in laid], poses, side_m, height_m=height_m)
-    objects = tuple(asset.name for asset in laid)
+    write_scene(output, [asset.name for asset in row], poses, side_m, height_m=height_m)
+    objects = tuple(asset.name for asset in row)
     return SceneSummary(file=str(output), objects=objects, table_m=side_m)
 
 
@@ -111,13 +111,13 @@ def _write(
 ) -> dict[str, Any]:
     """Write the folder of an asset with its Object File; return its description."""
     assert products.object_file is not None
-    stored = products.object_file.read_bytes()
+    content = products.object_file.read_bytes()
     provenance = json.loads(read_metadata(products.object_file).get("provenance", "null"))
     with new_folder(folder, overwrite=options.overwrite) as new:
-        described = write_asset(new, asset, formats)
-        (new / f"{products.object_id}{OBJECT_FILES.suffix}").write_bytes(stored)
-        products.write_manifest(new, options.format, {**described, "provenance": provenance})
-    return described
+        summary = write_asset(new, asset, formats)
+        (new / f"{products.object_id}{OBJECT_FILES.suffix}").write_bytes(content)
+        products.write_manifest(new, options.format, {**summary, "provenance": provenance})
+    return summary
 
 
 def _asset(products: ObjectProducts, options: Exporting, looks: bool = True) -> Asset:
@@ -144,22 +144,22 @@ def _asset(products: ObjectProducts, options: Exporting, looks: bool = True) -> 
 def _collision(file: ObjectFile, products: ObjectProducts, options: Exporting) -> ConvexParts:
     """Return the convex parts of the data set or the Object File; new ones where asked, or where none are."""
     limits = {"threshold_m": options.threshold_m, "most_parts": options.most_parts}
-    stated: dict[str, Any] = {name: value for name, value in limits.items() if value is not None}
-    if products.collision is not None and not stated:
+    numbers: dict[str, Any] = {name: value for name, value in limits.items() if value is not None}
+    if products.collision is not None and not numbers:
         return parts_of(read_product(products.collision), products.object_id)
-    if file.collision is not None and not stated:
+    if file.collision is not None and not numbers:
         return file.collision
-    return convex_parts(file.surface, **stated, seed=options.seed, name=products.object_id)
+    return convex_parts(file.surface, **numbers, seed=options.seed, name=products.object_id)
 
 
 def _body(file: ObjectFile, products: ObjectProducts, options: Exporting) -> tuple[RigidBody, str]:
     """Return the body, and whose its mass is."""
-    stated = file.description["body"] or {}
-    solid, whose = ("", "solid") if stated.get("mass_kg") is not None else ("filled_", "solid that sounds")
-    if stated.get(f"{solid}inertia_kg_m2") is None:
+    numbers = file.description["body"] or {}
+    solid, whose = ("", "solid") if numbers.get("mass_kg") is not None else ("filled_", "solid that sounds")
+    if numbers.get(f"{solid}inertia_kg_m2") is None:
         finding = "its surface is open or torn and it has no sound, so its mass and inertia are not known"
         raise InputError(products.object_id, finding, "Mend the mesh, and make the object again.")
-    values = (stated[f"{solid}{name}"] for name in ("mass_kg", "centre_of_mass_m", "inertia_kg_m2"))
+    values = (numbers[f"{solid}{name}"] for name in ("mass_kg", "centre_of_mass_m", "inertia_kg_m2"))
     mass_kg, centre_m, inertia = values
     body = RigidBody(mass_kg, np.array(centre_m), np.array(inertia))
     if options.mass_kg is not None:

@@ -99,8 +99,8 @@ def network_colour(
         Of light, that the integral is summed over.
     """
     if network.states("albedo"):
-        encoded = srgb_encode(network.reflectance("albedo", face, barycentric))
-        return np.concatenate([encoded, np.ones((len(encoded), 1))], axis=1)
+        srgb = srgb_encode(network.reflectance("albedo", face, barycentric))
+        return np.concatenate([srgb, np.ones((len(srgb), 1))], axis=1)
     grid, reflectance = _network_of(network)
     parts = [np.zeros((0, 3))]
     for start in range(0, len(face), POINTS_AT_ONCE):
@@ -108,8 +108,8 @@ def network_colour(
         position, normal = frame.to_unit(surface.points_at(*of_part)), surface.normals_at(*of_part)
         parts.append(_reflectance_along_normal(grid, reflectance, position, normal, directions))
     coat = DIELECTRIC_F0 * (1.0 - metallic)
-    encoded = srgb_encode((np.concatenate(parts) - coat) / (1.0 - coat))
-    return np.concatenate([encoded, np.ones((len(encoded), 1))], axis=1)
+    srgb = srgb_encode((np.concatenate(parts) - coat) / (1.0 - coat))
+    return np.concatenate([srgb, np.ones((len(srgb), 1))], axis=1)
 
 
 def _network_of(network: VisionNet) -> "tuple[SparseGrid, Reflectance]":

@@ -139,7 +139,7 @@ def write_colmap(
     views.write_images(folder / "images", folder / "linear" if exr else None, views.names)
     write_binary(folder / "sparse" / "0", model)
     write_text(folder / "sparse_text" / "0", model)
-    held_out = [name for name, kept in zip(model.names, views.held_out, strict=True) if kept]
+    held_out = [name for name, is_held_out in zip(model.names, views.held_out, strict=True) if is_held_out]
     (folder / "sparse" / "0" / "test.txt").write_text("".join(f"{name}\n" for name in held_out))
     made = "surface samples with the views that see them"
     described = {
@@ -149,8 +149,8 @@ def write_colmap(
         "light": "a point light an image, frame of the poses; radiant intensity in watts per steradian",
         "light_intensity": views.light_intensity,
         "images": {
-            name: {"light_position": light.tolist(), "held_out": bool(kept)}
-            for name, light, kept in zip(model.names, views.lights, views.held_out, strict=True)
+            name: {"light_position": light.tolist(), "held_out": bool(is_held_out)}
+            for name, light, is_held_out in zip(model.names, views.lights, views.held_out, strict=True)
         },
     }
     write_json(folder / "views.json", described)
@@ -166,15 +166,15 @@ def sparse_model(views: PosedViews, surface: Surface | None, *, points: int, see
     """
     rotation, translation = world_to_camera(views.camera_to_object)
     positions, image, point, at = _observations(views, surface, points, seed)
-    colours, trained = _mean_colours(views, len(positions), image, point, at)
-    kept = (np.bincount(point, minlength=len(positions)) >= 2) & trained
-    renumbered = np.cumsum(kept) - 1
-    of_kept = kept[point]
+    colours, inputs = _mean_colours(views, len(positions), image, point, at)
+    mask = (np.bincount(point, minlength=len(positions)) >= 2) & inputs
+    new_index = np.cumsum(mask) - 1
+    of_mask = mask[point]
     height, width = views.size
     return SparseModel(
         width, height, views.focal_length_px, quaternion(rotation), translation,
-        [f"{name}.png" for name in views.names], positions[kept], colours[kept],
-        image[of_kept], renumbered[point[of_kept]], at[of_kept],
+        [f"{name}.png" for name in views.names], positions[mask], colours[mask],
+        image[of_mask], new_index[point[of_mask]], at[of_mask],
     )  # fmt: skip
 
 
@@ -199,13 +199,13 @@ def _observations(
         eye = pose[:3, 3] if views.frame == "object" else frame.to_object(pose[:3, 3])
         ray = metric[ahead] - eye
         distance = surface.ray_hits(np.broadcast_to(eye, ray.shape), ray).distance
-        seen = np.abs(distance - 1) * np.linalg.norm(ray, axis=1) < SAME_POINT * frame.scale
+        visible = np.abs(distance - 1) * np.linalg.norm(ray, axis=1) < SAME_POINT * frame.scale
         # A pixel that the object covers in small part does not show the point.
         column, row = np.floor(at).astype(np.int64).T
-        seen &= views.rgba[index, row, column, 3] >= 0.5
-        images.append(np.full(np.count_nonzero(seen), index))
-        rows.append(ahead[seen])
-        places.append(at[seen])
+        visible &= views.rgba[index, row, column, 3] >= 0.5
+        images.append(np.full(np.count_nonzero(visible), index))
+        rows.append(ahead[visible])
+        places.append(at[visible])
     return positions, np.concatenate(images), np.concatenate(rows), np.concatenate(places)
 
 
@@ -216,10 +216,10 @@ def _mean_colours(
     column, row = np.floor(at).astype(np.int64).T
     rgba = straight_srgb(views.rgba[image, row, column])
     usable = ~views.held_out[image]
-    seen = np.bincount(point[usable], minlength=count)
+    visible = np.bincount(point[usable], minlength=count)
     sums = [np.bincount(point[usable], rgba[usable, channel], count) for channel in range(3)]
-    mean = np.stack(sums, axis=1) / np.maximum(seen, 1)[:, None]
-    return np.round(mean).astype(np.uint8), seen > 0
+    mean = np.stack(sums, axis=1) / np.maximum(visible, 1)[:, None]
+    return np.round(mean).astype(np.uint8), visible > 0
 
 
 def write_text(folder: Path, model: SparseModel) -> None:
@@ -229,9 +229,9 @@ def write_text(folder: Path, model: SparseModel) -> None:
         "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[] = fx, fy, cx, cy\n"
         f"{CAMERA_ID} PINHOLE {model.width} {model.height} {' '.join(map(repr, model.intrinsics()))}\n"
     )
-    observed, tracks = model.observations()
+    visibility, tracks = model.observations()
     lines = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as X, Y, POINT3D_ID"]
-    for row, (name, own) in enumerate(zip(model.names, observed, strict=True)):
+    for row, (name, own) in enumerate(zip(model.names, visibility, strict=True)):
         pose = [*model.quaternions[row].tolist(), *model.translations[row].tolist()]
         lines.append(f"{row + 1} {' '.join(map(repr, pose))} {CAMERA_ID} {name}")
         lines.append(" ".join(f"{x:.6f} {y:.6f} {point}" for (x, y), point in own.tolist()))
@@ -248,10 +248,10 @@ def write_binary(folder: Path, model: SparseModel) -> None:
     folder.mkdir(parents=True)
     camera = (1, CAMERA_ID, PINHOLE, model.width, model.height, *model.intrinsics())
     (folder / "cameras.bin").write_bytes(struct.pack("<QiiQQ4d", *camera))
-    observed, tracks = model.observations()
+    visibility, tracks = model.observations()
     with (folder / "images.bin").open("wb") as file:
         file.write(struct.pack("<Q", len(model.names)))
-        for row, (name, own) in enumerate(zip(model.names, observed, strict=True)):
+        for row, (name, own) in enumerate(zip(model.names, visibility, strict=True)):
             pose = (*model.quaternions[row], *model.translations[row])
             file.write(struct.pack("<i7di", row + 1, *pose, CAMERA_ID) + name.encode() + b"\0")
             file.write(struct.pack("<Q", len(own)) + own.tobytes())

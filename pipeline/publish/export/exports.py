@@ -75,12 +75,12 @@ def _write_gltf(products: ObjectProducts, options: Exporting, output: Path) -> t
         raise InputError("--vertex-colours", "the source mesh has its own textures", "Leave one of them out.")
     with new_folder(output, overwrite=options.overwrite) as folder:
         if surface == "source":
-            written = write_mesh(folder / name, products.source_mesh(), appearance, credit)
+            mesh = write_mesh(folder / name, products.source_mesh(), appearance, credit)
         else:
-            stored, colour_of, colour, finest_m = stored_colours(products, options, appearance)
-            written = write_surface(
+            colours, colour_of, colour, finest_m = stored_colours(products, options, appearance)
+            mesh = write_surface(
                 folder / name,
-                stored,
+                colours,
                 colour_of,
                 appearance,
                 credit,
@@ -89,11 +89,11 @@ def _write_gltf(products: ObjectProducts, options: Exporting, output: Path) -> t
                 finest_m=finest_m,
                 vertex_colours=options.vertex_colours,
             )
-        figures = {"surface": surface, "file": name, **written}
+        figures = {"surface": surface, "file": name, **mesh}
         products.write_manifest(folder, options.format, figures)
-    pitch = f", a texel each {written['texel_pitch_m'] * 1e3:.3g} mm" if "texel_pitch_m" in written else ""
-    size = f"{written['bytes'] / 1e6:.2f} MB"
-    return figures, f"{name}, {written['triangles']} triangles of the {surface} surface{pitch}, {size}"
+    pitch = f", a texel each {mesh['texel_pitch_m'] * 1e3:.3g} mm" if "texel_pitch_m" in mesh else ""
+    size = f"{mesh['bytes'] / 1e6:.2f} MB"
+    return figures, f"{name}, {mesh['triangles']} triangles of the {surface} surface{pitch}, {size}"
 
 
 def stored_colours(

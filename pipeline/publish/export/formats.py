@@ -55,15 +55,15 @@ def _write_by(plugin: Plugin, name: str, root: Path, options: Exporting, output:
             products.object_id, "has no Object File, and a plugin writes one", "Make or name one."
         )
     with new_folder(output, overwrite=options.overwrite) as folder:
-        described = plugin.part(folder, objectfolder.load(products.object_file))
-        if not isinstance(described, Mapping):
-            finding = f"returns a value of type {type(described).__name__}"
+        description = plugin.part(folder, objectfolder.load(products.object_file))
+        if not isinstance(description, Mapping):
+            finding = f"returns a value of type {type(description).__name__}"
             raise plugin.error(finding, "It must return a dict, for export.json.")
         by = {"plugin": {"distribution": plugin.distribution, "version": plugin.version}}
-        products.write_manifest(folder, options.format, {**described, **by})
+        products.write_manifest(folder, options.format, {**description, **by})
     return ExportSummary(
         folder=str(output),
         licence=products.credit().licence,
-        figures={**described, **by},
+        figures={**description, **by},
         words=f"by {plugin.distribution} {plugin.version}",
     )

@@ -38,10 +38,10 @@ class ObjectProducts:
             record = json.loads(read_metadata(self.object_file).get("object", "null"))
         return Credit.of_record(self.object_id, record)
 
-    def write_manifest(self, folder: Path, kind: str, described: Mapping[str, Any]) -> None:
+    def write_manifest(self, folder: Path, kind: str, description: Mapping[str, Any]) -> None:
         """Write the manifest and the attribution of an export."""
         credit = self.credit()
-        write_json(folder / MANIFEST, {"format": kind, "object": credit.to_dict(), **described})
+        write_json(folder / MANIFEST, {"format": kind, "object": credit.to_dict(), **description})
         (folder / "ATTRIBUTION.txt").write_text(credit.to_text(), encoding="utf-8")
 
     def source_mesh(self) -> TexturedMesh:

@@ -44,22 +44,22 @@ def write_transforms(folder: Path, views: PosedViews, credit: Credit, *, exr: bo
     """
     stems = [_stem(name) for name in views.names]
     views.write_images(folder, folder / "linear" if exr else None, stems)
-    shared = {
+    intrinsics = {
         "light": LIGHT_CONVENTION,
         "frame": views.described_frame(),
         "object": credit.to_dict(),
         "image": "8-bit sRGB, straight alpha; blend over a background in encoded values",
     }
     files = {}
-    for name, kept in (("train", False), ("val", True), ("test", True)):
-        rows = np.flatnonzero(views.held_out == kept)
+    for name, is_held_out in (("train", False), ("val", True), ("test", True)):
+        rows = np.flatnonzero(views.held_out == is_held_out)
         files[f"transforms_{name}.json"] = {
             "camera_angle_x": camera_angle_x(views),
-            **shared,
+            **intrinsics,
             **({"validation": VALIDATION_NOTE} if name == "val" else {}),
             "frames": [_frame(views, row, f"./{_stem(views.names[row])}", exr) for row in rows],
         }
-    files["transforms.json"] = _with_intrinsics(views, shared, exr)
+    files["transforms.json"] = _with_intrinsics(views, intrinsics, exr)
     for name, content in files.items():
         write_json(folder / name, content)
     return sorted(files)
@@ -70,10 +70,10 @@ def camera_angle_x(views: PosedViews) -> float:
     return 2.0 * math.atan(views.size[1] / 2.0 / views.focal_length_px)
 
 
-def _with_intrinsics(views: PosedViews, shared: dict[str, Any], exr: bool) -> dict[str, Any]:
+def _with_intrinsics(views: PosedViews, intrinsics: dict[str, Any], exr: bool) -> dict[str, Any]:
     height, width = views.size
     paths = [f"{_stem(name)}.png" for name in views.names]
-    held_out = [path for path, kept in zip(paths, views.held_out, strict=True) if kept]
+    held_out = [path for path, is_held_out in zip(paths, views.held_out, strict=True) if is_held_out]
     return {
         "camera_model": "OPENCV",
         "fl_x": views.focal_length_px,
@@ -86,8 +86,10 @@ def _with_intrinsics(views: PosedViews, shared: dict[str, Any], exr: bool) -> di
         "camera_angle_x": camera_angle_x(views),
         # instant-ngp takes top-level `scale` and `offset` as its own: the way to metres is under `frame`.
         "aabb_scale": 1,
-        **shared,
-        "train_filenames": [path for path, kept in zip(paths, views.held_out, strict=True) if not kept],
+        **intrinsics,
+        "train_filenames": [
+            path for path, is_held_out in zip(paths, views.held_out, strict=True) if not is_held_out
+        ],
         "val_filenames": held_out,
         "test_filenames": held_out,
         "validation": VALIDATION_NOTE,

@@ -35,7 +35,7 @@ def data_sheet(file: ObjectFile, materials: Mapping[str, Material]) -> dict[str,
     >>> data_sheet(objectfolder.load("bar.safetensors"), {})["Size"]
     '120.0 × 30.0 × 8.0 mm'
     """
-    stated, material = file.description["object"], file.description["material"] or {}
+    record, material = file.description["object"], file.description["material"] or {}
     row = materials.get(str(material.get("name")))
     contact = [(row.friction, "friction"), (row.restitution, "restitution")] if row else []
     sides = f" {TIMES} ".join(number(1e3 * side) for side in np.ptp(file.bounds_m, axis=0))
@@ -47,7 +47,7 @@ def data_sheet(file: ObjectFile, materials: Mapping[str, Material]) -> dict[str,
         or UNKNOWN,
         "Modes": _modes(file),
         "Fidelity": _fidelity(file) or "not measured",
-        **{name.capitalize(): str(stated.get(name) or UNKNOWN) for name in CREDITS},
+        **{name.capitalize(): str(record.get(name) or UNKNOWN) for name in CREDITS},
     }
 
 

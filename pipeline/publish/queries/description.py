@@ -49,9 +49,9 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
     if not fidelity:
         return ["fidelity     not measured"]
     vision, audio, touch = fidelity["vision"], fidelity["audio"], fidelity["touch"]
-    heard = "no sound" if audio.get("absent") else "no audible mode"
+    words = "no sound" if audio.get("absent") else "no audible mode"
     if audio["audible"]:
-        heard = (
+        words = (
             f"gain error {audio[GAIN.name]:.1f} dB, "
             f"frequencies within {audio['frequency_error_cents']:.2g} cents of the solver, "
             f"solver within about {_number(audio['solver_error_estimate_cents'])} cents"
@@ -61,7 +61,7 @@ def fidelity_lines(file: ObjectFile) -> list[str]:
         f"of the full image {vision[FULL_IMAGE.name]:.2f} dB, "
         f"SSIM {vision[SIMILARITY.name]:.4f} ({vision['held_out_views']} held-out views)",
         *_condition_lines(fidelity),
-        f"audio        {heard}",
+        f"audio        {words}",
         f"touch        PSNR {touch['psnr_db']:.2f} dB, in contact {_number(touch[CONTACT.name])} dB "
         f"({touch['held_out_touches']} held-out touches); "
         f"{100 * touch['unreachable_share']:.0f} % of the surface out of the sensor's reach",
@@ -83,13 +83,13 @@ def _body(file: ObjectFile) -> list[str]:
     body = file.description["body"]
     if not body:
         return []
-    closed = "watertight" if body["watertight"] else "open: mass of the filled solid"
-    known = [mass for mass in (body["mass_kg"], body["filled_mass_kg"]) if mass is not None]
-    mass = f"{known[0]:.4g} kg" if known else "mass unknown"
+    closure = "watertight" if body["watertight"] else "open: mass of the filled solid"
+    masses = [mass for mass in (body["mass_kg"], body["filled_mass_kg"]) if mass is not None]
+    mass = f"{masses[0]:.4g} kg" if masses else "mass unknown"
     wall = "unknown" if body["wall_median_m"] is None else f"{body['wall_median_m'] * 1e3:.2g} mm"
     warnings = [f"warning      {warning}" for warning in body.get("warnings") or []]
     return [
-        f"body         {mass} ({closed}), pieces {body['components']}, median wall {wall}, "
+        f"body         {mass} ({closure}), pieces {body['components']}, median wall {wall}, "
         f"normals {told_normals(body.get('normals_of_source', 0.0))}"
         + (f", {body['source_up']} of the source became z" if "source_up" in body else ""),
         *warnings,

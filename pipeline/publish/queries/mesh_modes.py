@@ -18,7 +18,7 @@ from pipeline.publish.queries.requests import ModesOfMesh
 POINTS = 8  # with mode shapes; the command shows none
 
 
-def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
+def solve_modes(mesh: Path, request: ModesOfMesh) -> dict[str, Any]:
     """Return frequencies, dampings, error estimates and the certificate of their count, as JSON has them.
 
     Of an Object File only what it stores: there is no certificate, and one error estimate for all.
@@ -32,36 +32,36 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
     """
     if mesh.suffix == ".safetensors":
         return _stored_modes(objectfolder.load(mesh))
-    known = read_materials(wanted.materials)
-    if wanted.material is None:
-        raise InputError("--material", "not given", f"Materials are {', '.join(sorted(known))}.")
-    material = find_material(known, wanted.material, str(wanted.materials))
+    materials = read_materials(request.materials)
+    if request.material is None:
+        raise InputError("--material", "not given", f"Materials are {', '.join(sorted(materials))}.")
+    material = find_material(materials, request.material, str(request.materials))
     # An Object File is listed without what meshes need.
     from objectfolder.audio.modes.modes import simulate_modes
     from objectfolder.mesh.ingest import ingest_object
     from objectfolder.mesh.mesh import textured_mesh_of
 
-    started = time.process_time()
-    ingested = ingest_object(mesh, length_m=wanted.length_m, object_id=mesh.stem, with_textures=False)
-    seconds = {"ingest": time.process_time() - started}
+    start_s = time.process_time()
+    ingestion = ingest_object(mesh, length_m=request.length_m, object_id=mesh.stem, with_textures=False)
+    seconds = {"ingest": time.process_time() - start_s}
     modes = simulate_modes(
-        textured_mesh_of(ingested).surface,
+        textured_mesh_of(ingestion).surface,
         material,
-        max_frequency_hz=wanted.max_frequency_hz,
-        max_modes=wanted.max_modes,
-        accuracy_cents=wanted.accuracy_cents,
-        wall_m=wanted.wall_m,
-        shell_m=wanted.shell_m,
-        damping=wanted.damping,
-        radiation=wanted.radiation,
+        max_frequency_hz=request.max_frequency_hz,
+        max_modes=request.max_modes,
+        accuracy_cents=request.accuracy_cents,
+        wall_m=request.wall_m,
+        shell_m=request.shell_m,
+        damping=request.damping,
+        radiation=request.radiation,
         training_points=POINTS,
         held_out_points=POINTS,
-        seed=wanted.seed,
+        seed=request.seed,
         name=mesh.name,
         seconds=seconds,
     )
     errors = modes["error_estimates_cents"].tolist()
-    said = (
+    text = (
         "count_certificate",
         "error_estimate_cents",
         "geometry_error_estimate_cents",
@@ -77,8 +77,8 @@ def solve_modes(mesh: Path, wanted: ModesOfMesh) -> dict[str, Any]:
         ),
         "error_estimates_cents": [None if math.isnan(error) else error for error in errors],
         "frequency_limit_hz": modes.attributes["stated_frequency_limit_hz"],
-        **{name: modes.attributes[name] for name in said},
-        "warnings": ingested.attributes["warnings"] + modes.attributes["warnings"],
+        **{name: modes.attributes[name] for name in text},
+        "warnings": ingestion.attributes["warnings"] + modes.attributes["warnings"],
         "seconds": seconds,
     }
 
@@ -101,14 +101,14 @@ def _listed(values: np.ndarray | None) -> list[float] | None:
 
 
 def _stored_modes(file: ObjectFile) -> dict[str, Any]:
-    said = file.description
+    text = file.description
     return {
-        "material": said["material"]["name"] if said["material"] else "unknown material",
+        "material": text["material"]["name"] if text["material"] else "unknown material",
         "damping": file.modes.damping,
         **_ringing(file.modes.frequencies_hz, file.modes.dampings_per_s, file.modes.eigenvalues),
         "radiation_dampings_per_s": _listed(file.modes.radiation_dampings_per_s),
-        "frequency_limit_hz": said["audio"]["frequency_limit_hz"],
-        "error_estimate_cents": ((said["fidelity"] or {}).get("audio") or {}).get(
+        "frequency_limit_hz": text["audio"]["frequency_limit_hz"],
+        "error_estimate_cents": ((text["fidelity"] or {}).get("audio") or {}).get(
             "solver_error_estimate_cents"
         ),
     }
@@ -135,8 +135,8 @@ def modes_table(result: dict[str, Any]) -> str:
         every = ("frequencies_hz", "dampings_per_s", "t60_s", "loss_factors", "error_estimates_cents")
         names = [name for name in every if name in result]
         rows = zip(*([_cell(name, value) for value in result[name]] for name in names), strict=True)
-        numbered = [(str(number), *row) for number, row in enumerate(rows)]
-        lines += columns([("", *names), *numbered], texts=0)
+        table = [(str(number), *row) for number, row in enumerate(rows)]
+        lines += columns([("", *names), *table], texts=0)
     lines.append(_damping_line(result["damping"], result["radiation_dampings_per_s"]))
     if "count_certificate" not in result:
         cents = result["error_estimate_cents"]

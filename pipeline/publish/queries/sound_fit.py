@@ -60,7 +60,7 @@ def fit_sounds(
     from objectfolder.mesh.ingest import ingest_object
     from objectfolder.mesh.mesh import textured_mesh_of
 
-    started = time.process_time()
+    start_s = time.process_time()
     recordings, own, names, warnings = [], [], [], []
     for path in paths:
         show(f"finding the partials of {path}")
@@ -84,13 +84,13 @@ def fit_sounds(
     if not recordings:
         raise InputError("recordings", "; ".join(warnings).removesuffix("."), "Give one that can be used.")
     partials = own[0] if len(own) == 1 else partials_over(recordings, own, request.max_frequency_hz)
-    seconds = {"recordings": time.process_time() - started}
+    seconds = {"recordings": time.process_time() - start_s}
     if not len(partials):
         raise InputError("recordings", "no partial in them", "Strike harder, or record nearer.")
     show(f"solving the modes of {mesh}")
-    ingested = ingest_object(mesh, length_m=request.length_m, object_id=mesh.stem, with_textures=False)
+    ingestion = ingest_object(mesh, length_m=request.length_m, object_id=mesh.stem, with_textures=False)
     body = solve_body(
-        textured_mesh_of(ingested).surface,
+        textured_mesh_of(ingestion).surface,
         material,
         BAND * min(float(partials.frequencies_hz.max()), request.max_frequency_hz),
         wall_m=request.wall_m,
@@ -120,17 +120,17 @@ def fit_sounds(
         warnings.append(
             "too few decays are long enough to be measured: the material gets no loss factor of its own"
         )
-    matched = fit.matching
-    alone = np.setdiff1d(np.arange(len(partials)), matched.partials)
+    matches = fit.matching
+    alone = np.setdiff1d(np.arange(len(partials)), matches.partials)
     spread_cents = 1200 * np.log2(1 + partials.frequency_spread_hz / partials.frequencies_hz)
     citation = (
         f"fitted to {len(names)} recordings of a strike ({', '.join(names)}) and {mesh.name}: "
-        f"{len(matched.modes)} partials to {matched.rms_cents:.1f} cents rms, walls {fit.wall.value:.4f} "
+        f"{len(matches.modes)} partials to {matches.rms_cents:.1f} cents rms, walls {fit.wall.value:.4f} "
         "of the mesh's"
     )
     return {
         "recordings": names,
-        "warnings": ingested.attributes["warnings"] + warnings,
+        "warnings": ingestion.attributes["warnings"] + warnings,
         "matched": [
             {
                 "partial_hz": float(partials.frequencies_hz[partial]),
@@ -145,18 +145,18 @@ def fit_sounds(
                 "decay_is_measured": bool(partials.decay_is_measured[partial]),
             }
             for partial, mode, before, cents, decay in zip(
-                matched.partials,
-                matched.modes,
+                matches.partials,
+                matches.modes,
                 fit.cents_before,
-                matched.cents,
+                matches.cents,
                 fit.decays_per_s,
                 strict=True,
             )
         ],
         "unmatched_partials_hz": partials.frequencies_hz[alone].tolist(),
-        "unheard_modes_hz": np.delete(fit.modes_hz, matched.modes).tolist(),
+        "unheard_modes_hz": np.delete(fit.modes_hz, matches.modes).tolist(),
         "rms_cents_before": float(np.sqrt(np.mean(fit.cents_before**2))),
-        "rms_cents": matched.rms_cents,
+        "rms_cents": matches.rms_cents,
         "stiffness_over_density": _estimate(fit.stiffness),
         "poisson_ratio": _estimate(fit.poisson_ratio),
         "wall_over_mesh": _estimate(fit.wall) | {"held": request.hold_wall},

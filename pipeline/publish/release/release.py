@@ -120,7 +120,7 @@ def release(
     _state_publication(root, ".".join(number or "0" for number in numbers.groups()), day)
     figures = _write_figures_of_partitions(root)
     cards = [path.relative_to(root).as_posix() for path in write_cards(root, root / REPORTS)]
-    others = [path for own in folders(root) for path in write_cards(own, own / REPORTS)]
+    card_paths = [path for own in folders(root) for path in write_cards(own, own / REPORTS)]
     changelog = (root / CHANGELOG).read_text("utf-8") if (root / CHANGELOG).is_file() else ""
     new = section(name, day.isoformat(), audit)
     texts = {
@@ -132,7 +132,7 @@ def release(
         write_whole(root / path, text)
     _record_cards(root, version)
     locks = [folder / LOCK for folder in data_sets(root)]
-    _git(root, "add", "--", PUBLICATION, *figures, *cards, *texts, *map(str, [*others, *locks]))
+    _git(root, "add", "--", PUBLICATION, *figures, *cards, *texts, *map(str, [*card_paths, *locks]))
     _git(root, "commit", "--quiet", "--message", f"Release {name}")
     _git(root, "tag", "--annotate", "--cleanup=whitespace", "--message", new, name)
     if output:
@@ -240,7 +240,7 @@ def _write_hugging_face(root: Path, output: Path, files: Mapping[str, str], text
 
 def _git(root: Path, *words: str) -> str:
     """Run git as its user has it set up; return what it prints."""
-    done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InputError(f"git {words[0]}", (done.stderr or done.stdout).strip(), "See what git says.")
-    return done.stdout.strip()
+    process = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
+    if process.returncode:
+        raise InputError(f"git {words[0]}", (process.stderr or process.stdout).strip(), "See what git says.")
+    return process.stdout.strip()

@@ -29,5 +29,5 @@ def zenodo_text(data_set: DataSet) -> str:
         if publication.url
         else "",
     }
-    stated = {key: value for key, value in content.items() if value}
-    return json.dumps({**stated, "doi": publication.doi}, indent=1, ensure_ascii=False) + "\n"
+    entries = {key: value for key, value in content.items() if value}
+    return json.dumps({**entries, "doi": publication.doi}, indent=1, ensure_ascii=False) + "\n"

@@ -128,29 +128,29 @@ def speed_error_chart(title: str, rows: Sequence[Mapping[str, Any]], column: str
     rows
         Rows of one sense, as `summary.speed_error_rows` gives them.
     """
-    known = [row for row in rows if _drawable(row, column)]
+    drawable = [row for row in rows if _drawable(row, column)]
     medians = [row for row in setting_medians(rows) if _drawable(row, column)]
     bold = sorted((row[column], row["error"]) for row in medians)
     places = [place for place, _ in bold]
-    timed = column == "seconds_per_query"
-    if len(set(places)) < 2 or (timed and max(places) < LEAST_CHANGE * min(places)):
+    is_time = column == "seconds_per_query"
+    if len(set(places)) < 2 or (is_time and max(places) < LEAST_CHANGE * min(places)):
         return None
     curves: dict[str, list[Point]] = {}
-    for row in known:
+    for row in drawable:
         curves.setdefault(row["object"], []).append((row[column], row["error"]))
     shapes = [sorted(points) for points in curves.values()]
     style = "fill: none; stroke: var(--curve); stroke-width: 0.8; opacity: 0.6"
     if len(shapes) > MOST_CURVES:
-        across, low, high = _band(known, column)
+        across, low, high = _band(drawable, column)
         lower, upper = (list(zip(across, edge, strict=True)) for edge in (low, high))
         shapes, style = [[*lower, *reversed(upper)]], "fill: var(--curve); opacity: 0.28"
     every = [point for shape in [*shapes, bold] for point in shape]
     x = _widened([math.log(place) for place, _ in every], 0.12)
     y = _widened([error for _, error in every], 0.2)
-    words, x_label = error_words(known[0]["error_unit"]), EFFORTS[column]
+    words, x_label = error_words(drawable[0]["error_unit"]), EFFORTS[column]
     chart = Chart(f"{title}: {words} against {x_label}", (math.exp(x[0]), math.exp(x[1])), y, words, log=True)
     ticks = [math.exp(x[0] + share * (x[1] - x[0])) for share in (1 / 6, 1 / 2, 5 / 6)]
-    text = seconds if timed else megabytes
+    text = seconds if is_time else megabytes
     chart.axes([float(f"{tick:.2g}") for tick in ticks], text, round_numbers(*y, 5), x_label)
     for shape in shapes:
         chart.path(shape, style)
@@ -207,8 +207,8 @@ def setting_medians(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         label = setting_words(step[0]["setting"], min(values, default=None), max(values, default=None))
         row = {"label": label, "error_unit": step[0]["error_unit"]}
         for column in ("error", "seconds_per_query", "bytes"):
-            known = _known(step, column)
-            row[column] = statistics.median(known) if known else None
+            numbers = _known(step, column)
+            row[column] = statistics.median(numbers) if numbers else None
         medians.append(row)
     return medians
 

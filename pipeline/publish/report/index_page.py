@@ -81,7 +81,7 @@ def render_index(
     objects: Sequence[MeasuredObject],
     measures: Sequence[MeasureSummary],
     failures: Sequence[FailedObject],
-    paged: frozenset[str],
+    page_ids: frozenset[str],
     fingerprint: str,
 ) -> str:
     """Return the first page.
@@ -92,23 +92,30 @@ def render_index(
         What is known of all objects together, by measure.
     failures
         All, those of reading products too.
-    paged
+    page_ids
         Ids of the objects that have a page.
     fingerprint
         Of all that the page shows; it carries it.
     """
-    ordered = worst_first(objects)
-    failed = {failure.object for failure in failures}
-    pages = {one.object_id: page_name(one.object_id) for one in ordered if one.object_id in paged}
-    rows = [_row(one, failed, pages) for one in ordered]
-    rows += [Row(object_id, object_id) for object_id in sorted(failed - {one.object_id for one in ordered})]
-    cost = cost_summary(ordered)
+    sorted_objects = worst_first(objects)
+    failed_ids = {failure.object for failure in failures}
+    pages = {
+        subject.object_id: page_name(subject.object_id)
+        for subject in sorted_objects
+        if subject.object_id in page_ids
+    }
+    rows = [_row(subject, failed_ids, pages) for subject in sorted_objects]
+    rows += [
+        Row(object_id, object_id)
+        for object_id in sorted(failed_ids - {subject.object_id for subject in sorted_objects})
+    ]
+    cost = cost_summary(sorted_objects)
     environment = template_environment()
     environment.filters["error"] = error_words
     return environment.get_template("index.html.j2").render(
         fingerprint=fingerprint,
         policy=security_policy(environment, SCRIPTS),
-        records=ordered,
+        records=sorted_objects,
         rows=rows,
         columns=COLUMNS,
         values=json.dumps([row.numbers for row in rows], allow_nan=False, separators=(",", ":")),
@@ -117,12 +124,12 @@ def render_index(
         statuses=sorted({row.status for row in rows}),
         folder=OBJECTS,
         failures=failures,
-        failed=len(failed),
+        failed=len(failed_ids),
         pages=pages,
         summary=measures,
         figures=[row for row in measures if row.measure in HEADLINE],
         full_image=next(row for row in measures if row.measure == FULL_IMAGE),
-        noise_floor_db=mean([number_at(one.attributes, "vision.noise_floor_db") for one in objects]),
+        noise_floor_db=mean([number_at(subject.attributes, "vision.noise_floor_db") for subject in objects]),
         ranking=HEADLINE,
         distributions=[(row, *histogram(row)) for row in [*measures, cost] if len(row.values) > 1],
         efforts=_efforts(objects),
@@ -134,16 +141,16 @@ def render_index(
     )
 
 
-def _row(one: MeasuredObject, failed: set[str], pages: dict[str, str]) -> Row:
-    below = one.margin_db is not None and one.margin_db < 0
-    status = "failed" if one.object_id in failed else "below target" if below else "made"
-    material, source = (one.description.get(name) for name in ("material", "source"))
-    known = {**one.attributes, "margin": one.margin_db, "cpu_seconds": one.cpu_seconds}
-    numbers = [_number(known, column, one.silent) for column in COLUMNS]
-    page = pages.get(one.object_id, "")
-    rings = one.part("audio").get("audible") is True
+def _row(subject: MeasuredObject, failed_ids: set[str], pages: dict[str, str]) -> Row:
+    below = subject.margin_db is not None and subject.margin_db < 0
+    status = "failed" if subject.object_id in failed_ids else "below target" if below else "made"
+    material, source = (subject.description.get(name) for name in ("material", "source"))
+    known = {**subject.attributes, "margin": subject.margin_db, "cpu_seconds": subject.cpu_seconds}
+    numbers = [_number(known, column, subject.silent) for column in COLUMNS]
+    page = pages.get(subject.object_id, "")
+    rings = subject.part("audio").get("audible") is True
     words = str(material or ""), _source_group(source), status
-    return Row(one.object_id, one.name, page, *words, rings, numbers)
+    return Row(subject.object_id, subject.name, page, *words, rings, numbers)
 
 
 def _number(known: Mapping[str, Any], column: Column, silent: bool) -> float | None:
@@ -171,6 +178,6 @@ def _efforts(objects: Sequence[MeasuredObject]) -> list[tuple[str, list[Markup],
     for sense in SENSES:
         own = [row for row in rows if row["sense"] == sense]
         title = SENSE_NAMES[sense]
-        drawn = [speed_error_chart(title, own, column) for column in ("seconds_per_query", "bytes")]
-        efforts.append((title, [chart for chart in drawn if chart], setting_medians(own)))
+        charts_drawn = [speed_error_chart(title, own, column) for column in ("seconds_per_query", "bytes")]
+        efforts.append((title, [chart for chart in charts_drawn if chart], setting_medians(own)))
     return efforts

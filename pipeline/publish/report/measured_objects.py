@@ -73,13 +73,13 @@ class MeasuredObject:
     def cpu_seconds(self) -> float | None:
         """CPU seconds of all stages, None unless each was measured."""
         costs = [self.cost(stage) for stage in self.stages]
-        known = [cost.cpu_s for cost in costs if cost and cost.cpu_s is not None]
-        return sum(known) if len(known) == len(costs) else None
+        seconds = [cost.cpu_s for cost in costs if cost and cost.cpu_s is not None]
+        return sum(seconds) if len(seconds) == len(costs) else None
 
     @property
     def efforts(self) -> list[dict[str, Any]]:
         """Bytes, seconds and error at each setting of each sense, in the order of the product."""
-        stated = self.attributes.get("speed_error")
+        fingerprints = self.attributes.get("speed_error")
         return [
             {
                 "object": self.object_id,
@@ -91,7 +91,7 @@ class MeasuredObject:
                 "error": number_at(entry, "error"),
                 "error_unit": str(entry.get("error_unit") or ""),
             }
-            for entry in (stated if isinstance(stated, list) else [])
+            for entry in (fingerprints if isinstance(fingerprints, list) else [])
             if isinstance(entry, Mapping)
         ]
 
@@ -117,8 +117,8 @@ class MeasuredObject:
         return latest.seconds_per_query if latest else None
 
     def _latest(self, rows: Sequence[Cost], stage: str) -> Cost | None:
-        stated = self.part("provenance").get("fingerprints")
-        fingerprint = stated.get(stage) if isinstance(stated, Mapping) else None
+        fingerprints = self.part("provenance").get("fingerprints")
+        fingerprint = fingerprints.get(stage) if isinstance(fingerprints, Mapping) else None
         rows = [cost for cost in rows if fingerprint in (None, cost.fingerprint)]
         return rows[-1] if rows else None
 
@@ -151,8 +151,8 @@ def read_objects(folder: Path, costs: Iterable[Cost]) -> tuple[list[MeasuredObje
 
 def stage_names(objects: Iterable[MeasuredObject]) -> tuple[str, ...]:
     """Return the stages in order of the pipeline, then others that these objects have behind them."""
-    others = {cost.stage for subject in objects for cost in subject.costs} - {*STAGES, QUERY}
-    return (*STAGES, *sorted(others))
+    more = {cost.stage for subject in objects for cost in subject.costs} - {*STAGES, QUERY}
+    return (*STAGES, *sorted(more))
 
 
 def worst_first(objects: Sequence[MeasuredObject]) -> list[MeasuredObject]:

@@ -127,7 +127,7 @@ class ObjectPage:
                 fidelity = products.arrays("fidelity")
             from pipeline.publish.report.queries import modal_table, queries  # of a page that is drawn
 
-            shown = queries(fidelity, products, self.pairs)
+            own_queries = queries(fidelity, products, self.pairs)
             with products.reading("modal table"):
                 modes = modal_table(products, subject.attributes)
             beside = dict.fromkeys(self.tile, b"")
@@ -138,12 +138,12 @@ class ObjectPage:
                     from pipeline.publish.report.sounds import short_sound
 
                     beside[".wav"] = short_sound(fidelity)
-                    beside[STRIKES] = shown["strikes"].script if shown["strikes"] else b""
+                    beside[STRIKES] = own_queries["strikes"].script if own_queries["strikes"] else b""
             page = environment.get_template("object.html.j2").render(
                 page=self,
                 player=player,
                 record=subject,
-                queries=shown,
+                queries=own_queries,
                 modes=modes,
                 origins=_origins(products),
                 filling=_filling(subject, products),

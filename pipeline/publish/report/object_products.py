@@ -55,9 +55,9 @@ class ObjectProducts:
         """Return the path of a product."""
         return self._data / f"{kind}/{self._name}{SUFFIXES[kind]}"
 
-    def digests(self, verified: Verified) -> dict[str, str]:
+    def digests(self, states: Verified) -> dict[str, str]:
         """Return what each product holds as a hash; a product that is absent or unreadable says so."""
-        return {kind: _digest(self.path(kind), DIGESTS[kind], verified) for kind in SUFFIXES}
+        return {kind: _digest(self.path(kind), DIGESTS[kind], states) for kind in SUFFIXES}
 
     def arrays(self, kind: str, *names: str, rows: slice = slice(None)) -> Product:
         """Return an archive with `rows` of these arrays of it, or of all where none is named.
@@ -73,10 +73,12 @@ class ObjectProducts:
         """
         archive = self._archive(kind)
         with errors_of(self.path(kind)):
-            attributes, said = describe(archive, names or None)
-            if missing := set(names).difference(said):
+            attributes, descriptions = describe(archive, names or None)
+            if missing := set(names).difference(descriptions):
                 raise ValueError(f"no array {sorted(missing)}")
-            return Product({name: _read(archive, name, said, rows) for name in said}, attributes)
+            return Product(
+                {name: _read(archive, name, descriptions, rows) for name in descriptions}, attributes
+            )
 
     def attributes(self, kind: str) -> dict[str, Any]:
         """Return the attributes of a product, empty where it cannot be read."""
@@ -111,34 +113,34 @@ class ObjectProducts:
             self.unreadable.append(f"{what}: not what a report can show ({type(error).__name__}: {error})")
 
 
-def _read(archive: zipfile.ZipFile, name: str, said: dict[str, dict[str, Any]], rows: slice) -> Array:
+def _read(archive: zipfile.ZipFile, name: str, descriptions: dict[str, dict[str, Any]], rows: slice) -> Array:
     """Decode rows of an array, whose chunks hold whole rows, as stages write them.
 
     Zarr's own reader takes ten times as long: it hands each chunk to another thread.
     """
-    stated, attributes = said[name], said[name]["attributes"]
-    shape, chunk = stated["shape"], stated["chunk_grid"]["configuration"]["chunk_shape"]
+    array_entry, attributes = descriptions[name], descriptions[name]["attributes"]
+    shape, chunk = array_entry["shape"], array_entry["chunk_grid"]["configuration"]["chunk_shape"]
     if not shape or chunk[1:] != [max(1, size) for size in shape[1:]]:
         raise ValueError(f"{name} does not lie row by row")
-    kind, asked = np.dtype(stated["data_type"]), range(*rows.indices(shape[0]))
-    first, last = asked.start // chunk[0], -(-asked.stop // chunk[0])
+    kind, rows_asked = np.dtype(array_entry["data_type"]), range(*rows.indices(shape[0]))
+    first, last = rows_asked.start // chunk[0], -(-rows_asked.stop // chunk[0])
     blocks = [np.zeros((0, *chunk[1:]), kind)]
     for index in range(first, last):
         entry = f"{name}/c/{index}" + "/0" * (len(shape) - 1)
         if entry in archive.NameToInfo:
-            content = Blosc().decode(read_chunk(archive, entry, said))
+            content = Blosc().decode(read_chunk(archive, entry, descriptions))
             blocks.append(np.frombuffer(content, kind).reshape(chunk))
         else:
-            blocks.append(np.full(chunk, stated["fill_value"], kind))
-    begin = asked.start - first * chunk[0]
-    values = np.concatenate(blocks)[begin : begin + len(asked), *map(slice, shape[1:])]
+            blocks.append(np.full(chunk, array_entry["fill_value"], kind))
+    begin = rows_asked.start - first * chunk[0]
+    values = np.concatenate(blocks)[begin : begin + len(rows_asked), *map(slice, shape[1:])]
     dims = tuple(f"axis_{axis}" for axis in range(len(shape)))  # a page asks for none
     return Array(values, dims, str(attributes["units"]), str(attributes["long_name"]))
 
 
-def _digest(path: Path, read: Callable[[Path], str], verified: Verified) -> str:
+def _digest(path: Path, read: Callable[[Path], str], states: Verified) -> str:
     try:
-        return verified.source_digest(path, read)
+        return states.source_digest(path, read)
     except FileNotFoundError:
         return "absent"
     except (FormatError, OSError, struct.error) as error:

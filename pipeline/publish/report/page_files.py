@@ -93,10 +93,10 @@ def draw_page(request: Request) -> TensorFile:
     if FIDELITY.name in request.inputs:  # where this worker has it
         page = replace(page, data=request.inputs[FIDELITY.name].parents[1])
     cache = Path(request.parameters["cache"])
-    shared = cache if cache.parent.is_dir() else None  # else this worker does not see the data folder
+    folder = cache if cache.parent.is_dir() else None  # else this worker does not see the data folder
     has_object_file = page.products.path(OBJECT_FILES.name).is_file()
     player = request.parameters["player"] if has_object_file else ""
-    files = draw(page, request.parameters["fingerprint"], player, shared)
+    files = draw(page, request.parameters["fingerprint"], player, folder)
     arrays = {name: np.frombuffer(content, np.uint8) for name, content in files.items()}
     return TensorFile(arrays, {"names": list(files)})
 

@@ -69,11 +69,11 @@ def write_partition_index(root: Path) -> None:
     """
     reports = [_read(folder) for folder in folders(root)]
     tallies = [Tally.joined(same) for same in zip(*(report.tallies for report in reports), strict=True)]
-    measured = [tally for tally in tallies if tally.count or not tally.measure.occasional]
+    tallies_there = [tally for tally in tallies if tally.count or not tally.measure.occasional]
     objects, failed, silent = (
         sum(getattr(report, name) for report in reports) for name in ("objects", "failed", "silent")
     )
-    write_whole(root / FOLDER / "metrics.json", metrics_text(measured, objects, failed, silent))
+    write_whole(root / FOLDER / "metrics.json", metrics_text(tallies_there, objects, failed, silent))
     environment = template_environment()
     page = environment.get_template("partitions.html.j2").render(
         policy=security_policy(environment, ()),

@@ -17,8 +17,8 @@ def picture_uri(image: np.ndarray) -> str:
     import cv2
 
     # With a level of compression set, OpenCV would try all filters too.
-    _, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    return _uri(encoded.tobytes())
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    return _uri(content.tobytes())
 
 
 @cache

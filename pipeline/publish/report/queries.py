@@ -151,14 +151,14 @@ def _gallery(fidelity: Product, sense: str, facts: list[list[Fact]], score: str,
     scores = [next((fact.value for fact in own if fact.name == score), None) for own in facts]
     keys = [math.inf if score is None else score for score in scores]
     order = sorted(range(len(facts)), key=keys.__getitem__)
-    ranked = len(facts) - scores.count(None) or len(facts)
-    kept = _spread(ranked, len(pairs[0]))
-    shown = {kept[index]: index for index in _spread(len(kept), most)}
+    rank_count = len(facts) - scores.count(None) or len(facts)
+    sample = _spread(rank_count, len(pairs[0]))
+    places = {sample[index]: index for index in _spread(len(sample), most)}
     on_sheet = SHEET_PIXELS // height if f"{sense}_sheet" in fidelity else 0
     items: list[Seen] = []
     for rank, row in enumerate(order):
-        place = {0: "worst", ranked - 1: "best"}.get(rank, "" if rank < ranked else "no contact")
-        own = [picture_uri(pair[shown[rank]]) for pair in pairs] if rank in shown else []
+        place = {0: "worst", rank_count - 1: "best"}.get(rank, "" if rank < rank_count else "no contact")
+        own = [picture_uri(pair[places[rank]]) for pair in pairs] if rank in places else []
         if own or row < on_sheet:
             items.append(Seen(len(items), place, row, facts[row], None, *own))
     return Gallery(items, height, width)
@@ -202,10 +202,10 @@ def _strikes(fidelity: Product, products: ObjectProducts) -> Strikes | None:
     count, points_m = len(differences_db), np.zeros((0, 3))
     with products.reading("modes"):
         modes = products.arrays("modes", "points", "held_out")
-        known = modes["points"][modes["held_out"]]
-        if known.shape != (count, 3):
-            raise ValueError(f"{known.shape} points of {count} strikes")
-        points_m = known
+        points = modes["points"][modes["held_out"]]
+        if points.shape != (count, 3):
+            raise ValueError(f"{points.shape} points of {count} strikes")
+        points_m = points
     script = strikes_script(fidelity, points_m)
     return Strikes(count, int((~np.isnan(differences_db)).sum()), script)
 
@@ -292,8 +292,8 @@ def modal_table(products: ObjectProducts, attributes: Mapping[str, Any]) -> list
         estimates = products.arrays("modes", "error_estimates_cents")["error_estimates_cents"]
     with np.errstate(divide="ignore", invalid="ignore"):  # a mode without damping has no relative error
         errors = cents(frequencies, frequency), dampings / damping - 1
-    undamped = np.hypot(2 * math.pi * np.where(frequency > 0, frequency, np.nan), damping)
-    loss_factor = 2 * damping / undamped
+    natural = np.hypot(2 * math.pi * np.where(frequency > 0, frequency, np.nan), damping)
+    loss_factor = 2 * damping / natural
     columns = (frequency, damping, t60, loss_factor, *errors, _of_length(len(truth), estimates))
     return [ModeRow(*map(float, row)) for row in zip(*columns, strict=True)]
 

@@ -26,9 +26,9 @@ def short_sound(fidelity: Product) -> bytes:
 def wav_of(sound: np.ndarray, sample_rate_hz: float) -> bytes:
     """Return a WAV of (n,) samples at half their rate, as loud as 16 bits hold; it fades out."""
     length = len(sound) // 2
-    kept = sound[: 2 * length].reshape(length, 2).mean(axis=1)
-    kept[-length // 4 :] *= np.linspace(1, 0, len(kept[-length // 4 :]))
-    levels = np.rint(kept * (32767 * listening_gain(float(np.abs(kept).max())))).astype("<i2")
+    samples = sound[: 2 * length].reshape(length, 2).mean(axis=1)
+    samples[-length // 4 :] *= np.linspace(1, 0, len(samples[-length // 4 :]))
+    levels = np.rint(samples * (32767 * listening_gain(float(np.abs(samples).max())))).astype("<i2")
     buffer = io.BytesIO()
     with wave.open(buffer, "wb") as file:
         file.setparams((1, 2, round(sample_rate_hz / 2), length, "NONE", ""))

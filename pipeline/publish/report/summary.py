@@ -79,14 +79,14 @@ def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
     results = []
     for measure in (*REPORTED, BYTES):
         subjects = [subject for subject in objects if not (measure.sense == "audio" and subject.silent)]
-        known = [
+        present = [
             (value, subject) for subject in subjects if (value := measure.of(subject.attributes)) is not None
         ]
-        if measure.occasional and not known:
+        if measure.occasional and not present:
             continue
-        trivial = mean([measure.trivial_of(subject.attributes) for _, subject in known])
-        floor = mean([measure.noise_floor_of(subject.attributes) for _, subject in known])
-        values = [(value, subject.object_id) for value, subject in known]
+        trivial = mean([measure.trivial_of(subject.attributes) for _, subject in present])
+        floor = mean([measure.noise_floor_of(subject.attributes) for _, subject in present])
+        values = [(value, subject.object_id) for value, subject in present]
         results.append(MeasureSummary(measure, values, trivial, floor))
     return results
 
@@ -137,8 +137,8 @@ def split(objects: Sequence[MeasuredObject]) -> list[tuple[str, str, list[float]
 
 def mean(values: Sequence[float | None]) -> float | None:
     """Return the mean of the values that are there, None where none is."""
-    known = [value for value in values if value is not None]
-    return statistics.fmean(known) if known else None
+    present = [value for value in values if value is not None]
+    return statistics.fmean(present) if present else None
 
 
 PARTS = ("body", *SENSES, "bytes")
@@ -160,15 +160,15 @@ class MeanAndWorst(Protocol):
         """Worst of the objects."""
 
 
-def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failed: int, silent: int) -> str:
+def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failure_count: int, silent: int) -> str:
     """Return mean and worst of each measure over the objects that have it, as JSON, one key a line.
 
     Silent objects leave the means of audio and are counted instead; a measure that no object has is
-    null. `objects`, `failed` and `silent` count objects.
+    null. `objects`, `failure_count` and `silent` count objects.
     """
     table: dict[str, Any] = {
         "objects": objects,
-        "failed": failed,
+        "failed": failure_count,
         "audio": {"silent_objects": silent},
     }
     for summary in summaries:
@@ -182,13 +182,15 @@ def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failed: int, s
 
 def object_table(objects: Sequence[MeasuredObject]) -> str:
     """Return one row an object with every number known of it; an empty cell for an unknown one."""
-    stated = [
+    keys_there = [
         (subject, part, name) for subject in objects for part in PARTS[:-1] for name in subject.part(part)
     ]
-    keys = {(part, name) for subject, part, name in stated if number_at(subject.part(part), name) is not None}
+    keys = {
+        (part, name) for subject, part, name in keys_there if number_at(subject.part(part), name) is not None
+    }
     keys |= {(measure.sense, measure.name) for measure in REPORTED if not measure.occasional}
-    ordered = sorted(keys, key=lambda key: (PARTS.index(key[0]), key[1]))
-    ordered += [("bytes", name) for name in BYTE_PARTS]
+    columns_in_order = sorted(keys, key=lambda key: (PARTS.index(key[0]), key[1]))
+    columns_in_order += [("bytes", name) for name in BYTE_PARTS]
     stages = stage_names(objects)
     rows = []
     for subject in objects:
@@ -198,12 +200,12 @@ def object_table(objects: Sequence[MeasuredObject]) -> str:
             "material": str(subject.description.get("material") or ""),
             "audio.audible": "" if "audible" not in subject.part("audio") else int(not subject.silent),
         }
-        row |= {f"{part}.{name}": number_at(subject.part(part), name) for part, name in ordered}
+        row |= {f"{part}.{name}": number_at(subject.part(part), name) for part, name in columns_in_order}
         for stage in stages:
             cost = subject.cost(stage)
             row[f"cpu_seconds.{stage}"] = cost.cpu_s if cost else None
         rows.append(row)
-    columns = ["id", "name", "material", "audio.audible", *(".".join(key) for key in ordered)]
+    columns = ["id", "name", "material", "audio.audible", *(".".join(key) for key in columns_in_order)]
     return _csv([*columns, *(f"cpu_seconds.{stage}" for stage in stages)], rows)
 
 

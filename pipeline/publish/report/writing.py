@@ -66,39 +66,41 @@ def write_report(
         A cost table that is not one.
     """
     objects, unreadable = read_objects(fidelity_folder, read_costs(costs_csv))
-    known = sorted(
+    all_failures = sorted(
         [*failures, *unreadable], key=lambda subject: (subject.object, subject.stage, subject.error)
     )
     own: dict[str, list[FailedObject]] = {}
-    for failure in known:
+    for failure in all_failures:
         own.setdefault(failure.object, []).append(failure)
     ids = ["", *(subject.object_id for subject in objects), ""]
-    data, verified = fidelity_folder.parent, Verified(reports_folder.parent)
+    data, states = fidelity_folder.parent, Verified(reports_folder.parent)
     pages = [
-        ObjectPage(subject, data, ids[place], ids[place + 2], own.get(subject.object_id, ()), pairs, verified)
+        ObjectPage(subject, data, ids[place], ids[place + 2], own.get(subject.object_id, ()), pairs, states)
         for place, subject in enumerate(objects)
     ]
-    paged, damaged = _write_pages(
+    page_ids, faults = _write_pages(
         pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS, runner_for
     )
-    verified.save()
-    known += damaged
+    states.save()
+    all_failures += faults
     measures = summaries(worst_first(objects))
     texts = {
         "metrics.json": metrics_text(
             measures,
             len(objects),
-            len({failure.object for failure in known}),
+            len({failure.object for failure in all_failures}),
             sum(subject.silent for subject in objects),
         ),
         "per_object.csv": object_table(objects),
         "speed_error.csv": speed_error_table(objects),
     }
-    content = canonical_json([code_digest(), [page.fingerprint for page in pages], list(map(repr, known))])
+    content = canonical_json(
+        [code_digest(), [page.fingerprint for page in pages], list(map(repr, all_failures))]
+    )
     fingerprint = hashlib.sha256(content.encode()).hexdigest()
     # What the first page shows of an object whose own page failed is in no fingerprint.
-    if damaged or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
-        texts["index.html"] = render_index(objects, measures, known, paged, fingerprint)
+    if faults or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
+        texts["index.html"] = render_index(objects, measures, all_failures, page_ids, fingerprint)
     for name, text in texts.items():
         write_whole(reports_folder / name, text)
 
@@ -107,29 +109,29 @@ def _write_pages(
     pages: Iterable[ObjectPage], folder: Path, cache: Path, runner_for: RunnerFor | None
 ) -> tuple[frozenset[str], list[FailedObject]]:
     """Write the files of pages, and remove others; return ids with a page, and why others have none."""
-    paged, damaged = set(), []
+    page_ids, faults = set(), []
     file_names: set[str] = set()
-    changed = []
+    stale = []
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     for page in pages:
         if names := _current_files(page, folder, present):
             file_names |= names
-            paged.add(page.subject.object_id)
+            page_ids.add(page.subject.object_id)
         else:
-            changed.append(page)
-    for page, files in draw_pages(changed, cache, runner_for):
+            stale.append(page)
+    for page, files in draw_pages(stale, cache, runner_for):
         object_id = page.subject.object_id
         if isinstance(files, Failure):
             finding = f"{page.subject.stored_name}: {files.error}"
-            damaged.append(FailedObject(object_id, "report", finding, files.remedy))
+            faults.append(FailedObject(object_id, "report", finding, files.remedy))
             continue
         folder.mkdir(parents=True, exist_ok=True)
         *beside, (name, text) = files.items()
-        for other, content in beside:
-            (folder / other).write_bytes(content)
+        for name_beside, content in beside:
+            (folder / name_beside).write_bytes(content)
         write_whole(folder / name, text)  # the page, written last, says that all is there
         file_names |= files.keys()
-        paged.add(object_id)
+        page_ids.add(object_id)
     if any(name.endswith(PLAYER) for name in file_names):
         from pipeline.publish.viewer.static import write_player_assets
 
@@ -137,15 +139,15 @@ def _write_pages(
     for path in folder.iterdir() if folder.is_dir() else []:
         if path.name not in file_names and path.is_file():
             path.unlink()
-    damaged.sort(key=lambda failure: failure.object)
-    return frozenset(paged), damaged
+    faults.sort(key=lambda failure: failure.object)
+    return frozenset(page_ids), faults
 
 
 def _current_files(page: ObjectPage, folder: Path, present: set[str]) -> set[str]:
     """Return the names of the files of a page, if all are `present` and show what is known; else none."""
     path = folder / page_name(page.subject.object_id)
-    shown, has_player = shown_fingerprint(path)
-    if shown != page.fingerprint:
+    page_fingerprint, has_player = shown_fingerprint(path)
+    if page_fingerprint != page.fingerprint:
         return set()
     names = {path.name, *map(page.beside, page.tile), *([page.player] if has_player else [])}
     return names if names <= present else set()

@@ -59,8 +59,8 @@ class Handling(MujocoSimulation):
             import mujoco
         self.sensor = sensor or shared_sensor(files)
         away = 0.0, -self.sensor.gel_apex_m[2]
-        turned = fingers(away, (-STARTS_M, STARTS_M), self.sensor, FRICTION)
-        palm = f'<body name="palm" mocap="true" pos="{" ".join(map(str, PARKED_M))}">{turned}</body>'
+        pair = fingers(away, (-STARTS_M, STARTS_M), self.sensor, FRICTION)
+        palm = f'<body name="palm" mocap="true" pos="{" ".join(map(str, PARKED_M))}">{pair}</body>'
         hand = f"<mujoco><worldbody>{palm}</worldbody><actuator>{MOTORS}</actuator></mujoco>"
         spec.attach(mujoco.MjSpec.from_string(hand), frame=spec.worldbody.add_frame(), prefix=HAND)
         for name in FELT_BY:
@@ -136,15 +136,15 @@ class Handling(MujocoSimulation):
         frame = np.column_stack([np.cross(y, [0.0, 0.0, 1.0]), y, [0.0, 0.0, 1.0]])
         corners = (self._files[body].surface.vertices @ pose[:3, :3].T + pose[:3, 3]) @ frame
         low, high = corners.min(axis=0), corners.max(axis=0)
-        closed = STARTS_M - (high[1] - low[1]) / 2 - OPENING_M - self.sensor.gel_apex_m[0]
-        if closed < 0:
+        travel_m = STARTS_M - (high[1] - low[1]) / 2 - OPENING_M - self.sensor.gel_apex_m[0]
+        if travel_m < 0:
             raise QueryError(body, f"{high[1] - low[1]:.3g} m wide, wider than the hand", "Turn it.")
         turn = np.zeros(4)
         self._engine.mju_mat2Quat(turn, frame.ravel())
         self._data.mocap_pos[-1], self._data.mocap_quat[-1] = frame @ ((low + high) / 2), turn
         self._data.ctrl[-4:], self._data.act[-2:] = 0.0, 0.0
         for name in FELT_BY:
-            for way, place in (("close", closed), ("lift", 0.0)):
+            for way, place in (("close", travel_m), ("lift", 0.0)):
                 joint = self._data.joint(f"{name}_{way}")
                 joint.qpos[0], joint.qvel[0] = place, 0.0
         self._engine.mj_forward(self._model, self._data)

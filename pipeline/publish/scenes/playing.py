@@ -57,17 +57,17 @@ def play(
     InputError
         A scene that cannot be opened; no such simulator.
     """
-    opened = OpenedScene.of(scene)
+    content = OpenedScene.of(scene)
     import mujoco  # which is there, then
 
-    model, files = opened.model, opened.files
+    model, files = content.model, content.files
     data = mujoco.MjData(model)
     _lift(model, data, lift_m, np.random.default_rng(seed))
     simulation: Simulation = MujocoSimulation(model, data)
     if simulator not in OWN:
         simulation = open_simulation(simulator, scene, {name: simulation.pose(name) for name in files})
-    standing = opened.points(MujocoSimulation(model, mujoco.MjData(model)))
-    camera = camera_over(np.concatenate([standing, opened.points(simulation)]))
+    standing = content.points(MujocoSimulation(model, mujoco.MjData(model)))
+    camera = camera_over(np.concatenate([standing, content.points(simulation)]))
     sound = LiveSound(
         simulation,
         files,
@@ -75,7 +75,7 @@ def play(
         seed=seed,
         block_samples=AUDIO_RATE_HZ // FRAMES_PER_S,
     )
-    frames = recorded(sound, opened.sight(simulation), camera, seconds, resolution)
+    frames = recorded(sound, content.sight(simulation), camera, seconds, resolution)
     peak_pa = write_clip(output, frames, resolution)
     return ClipSummary(str(output), len(sound.impacts), float(peak_pa), float(listening_gain(peak_pa)))
 
@@ -90,6 +90,6 @@ def _lift(model: Any, data: Any, lift_m: float, random: np.random.Generator) -> 
             continue
         at = model.jnt_qposadr[joint]
         data.qpos[at + 2] += lift_m * (1 + random.random())
-        turned = Rotation.from_quat(np.roll(data.qpos[at + 3 : at + 7], -1))
+        rotation = Rotation.from_quat(np.roll(data.qpos[at + 3 : at + 7], -1))
         turn = Rotation.from_rotvec(random.uniform(-MOST_TURN_RAD, MOST_TURN_RAD, 3))
-        data.qpos[at + 3 : at + 7] = np.roll((turn * turned).as_quat(), 1)
+        data.qpos[at + 3 : at + 7] = np.roll((turn * rotation).as_quat(), 1)

@@ -61,9 +61,9 @@ def format_of_scene(path: Path) -> str:
 def _mjcf(path: Path, names: Sequence[str], poses: Sequence[Floats], side_m: float, height_m: float) -> None:
     root = Element("mujoco", model=path.stem)
     SubElement(root, "option", timestep="0.002")
-    shown = SubElement(root, "custom")
+    custom = SubElement(root, "custom")
     for name, data in LOOK.items():
-        SubElement(shown, "text", name=name, data=data)
+        SubElement(custom, "text", name=name, data=data)
     assets = SubElement(root, "asset")
     for name in dict.fromkeys(names):
         SubElement(assets, "model", name=name, file=f"{name}/{FORMATS['mjcf'][0]}")

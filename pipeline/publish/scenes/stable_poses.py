@@ -152,8 +152,8 @@ def _turned(asset: Asset, upright: bool, rng: np.random.Generator) -> Floats:
     if pose is None:
         poses = stable_poses(asset)  # most probable first
         shares = np.array([pose.probability for pose in poses])
-        which = 0 if upright else rng.choice(len(poses), p=shares / shares.sum())
-        pose = poses[which].object_to_world
+        pose_index = 0 if upright else rng.choice(len(poses), p=shares / shares.sum())
+        pose = poses[pose_index].object_to_world
     angle = rng.uniform(0, 2 * np.pi)
     turn = np.eye(4)
     turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
@@ -173,8 +173,8 @@ def _anywhere(
 ) -> Floats | None:
     """Return a free place (2,) drawn all over a table; None where there seems to be none."""
     room = side_m / 2 - radius
-    drawn = (rng.uniform(-room, room, 2) for _ in range(DRAWS if room >= 0 else 0))
-    return next((place for place in drawn if _is_free(place, radius, circles)), None)
+    draws = (rng.uniform(-room, room, 2) for _ in range(DRAWS if room >= 0 else 0))
+    return next((place for place in draws if _is_free(place, radius, circles)), None)
 
 
 def _near_middle(radius: float, circles: Sequence[Circle], rng: np.random.Generator) -> Floats:

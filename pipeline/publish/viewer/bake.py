@@ -60,9 +60,9 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     places = stored_places(file)
     arrays |= {"place_faces": places.face, "place_barycentric": places.barycentric}
     sound, gains = baked_sound(file.modes, places.points)
-    touch, reached = baked_touch(file, places.points)
-    arrays |= gains | reached
-    described, data = packed(arrays)
+    touch, reachable_places = baked_touch(file, places.points)
+    arrays |= gains | reachable_places
+    entries, data = packed(arrays)
     description = file.description["object"]
     material = file.description["material"] or {}
     header = {
@@ -79,7 +79,7 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
         "touch": touch,
         "listening_gain": listening_gain(file),
         "brightness": {name: brightness(file, name) for name in STUDIOS},
-        "arrays": described,
+        "arrays": entries,
     }
     return header, data
 
@@ -95,10 +95,10 @@ class Places(NamedTuple):
 def stored_places(file: ObjectFile) -> Places:
     """Return where a player has answers: drawn uniformly by area, as many as their gains have room."""
     count = MOST_GAINS // (3 * max(1, len(file.modes.eigenvalues)))
-    drawn = file.surface.sample(min(MOST_PLACES, max(LEAST_PLACES, count)), seed=0)
-    barycentric = np.floor(255 * drawn.barycentric[:, :2]).astype(np.uint8)
-    points = file.surface.points_at(drawn.face, control_barycentric(barycentric))
-    return Places(drawn.face.astype(np.int32), barycentric, points)
+    sample = file.surface.sample(min(MOST_PLACES, max(LEAST_PLACES, count)), seed=0)
+    barycentric = np.floor(255 * sample.barycentric[:, :2]).astype(np.uint8)
+    points = file.surface.points_at(sample.face, control_barycentric(barycentric))
+    return Places(sample.face.astype(np.int32), barycentric, points)
 
 
 def baked_sound(modes: AudioNet, points: np.ndarray) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -121,11 +121,11 @@ def baked_sound(modes: AudioNet, points: np.ndarray) -> tuple[dict[str, Any], di
 def baked_touch(file: ObjectFile, points: np.ndarray) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return a sheet of the sensor's pictures for the header, and the places of which it has them."""
     touches = file.press(points[:PRESSED_PLACES], PRESS_DEPTH_M)
-    reached = np.flatnonzero(touches.reachable)
+    reachable_places = np.flatnonzero(touches.reachable)
     height, width = touches.rgb.shape[1:3]
-    rows = -(-len(reached) // SHEET_COLUMNS)
+    rows = -(-len(reachable_places) // SHEET_COLUMNS)
     sheet = np.zeros((rows, SHEET_COLUMNS, height, width, 3), np.uint8)
-    sheet.reshape(-1, height, width, 3)[: len(reached)] = touches.rgb[reached]
+    sheet.reshape(-1, height, width, 3)[: len(reachable_places)] = touches.rgb[reachable_places]
     pictures = webp(sheet.swapaxes(1, 2).reshape(rows * height, -1, 3)) if rows else np.zeros(0, np.uint8)
     return {
         "sensor": file.touch.net.sensor.name,
@@ -134,7 +134,7 @@ def baked_touch(file: ObjectFile, points: np.ndarray) -> tuple[dict[str, Any], d
         "width": width,
         "columns": SHEET_COLUMNS,
         "sheet": f"data:image/webp;base64,{base64.b64encode(pictures.tobytes()).decode()}",
-    }, {"reached_places": reached.astype(np.int32)}
+    }, {"reached_places": reachable_places.astype(np.int32)}
 
 
 def surface_colours(file: ObjectFile) -> dict[str, np.ndarray]:
@@ -176,9 +176,9 @@ def _lattice(triangles: np.ndarray) -> FaceLattice:
 
 def brightness(file: ObjectFile, studio: str) -> float:
     """Return the mean level, 0 to 1 as displayed, of the object in its pictures: the player's, too."""
-    seen = file.pictures(3, 48, studio=studio, sub_rays=4)
-    covered = seen[(seen < NEARLY_WHITE).any(axis=-1)]
-    return float(covered.mean() / 255) if len(covered) else 1.0
+    images = file.pictures(3, 48, studio=studio, sub_rays=4)
+    pixels = images[(images < NEARLY_WHITE).any(axis=-1)]
+    return float(pixels.mean() / 255) if len(pixels) else 1.0
 
 
 def listening_gain(file: ObjectFile) -> float:
@@ -205,12 +205,12 @@ def packed(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], bytes]:
     tuple
         For each name ``type`` (a JavaScript typed array), ``shape`` and ``offset`` in bytes; a zlib stream.
     """
-    described: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     parts: list[bytes] = []
     offset = 0
     for name, array in arrays.items():
         values = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"))
-        described[name] = {
+        entries[name] = {
             "type": ARRAY_NAMES[array.dtype.name],
             "shape": list(array.shape),
             "offset": offset,
@@ -218,4 +218,4 @@ def packed(arrays: Mapping[str, np.ndarray]) -> tuple[dict[str, Any], bytes]:
         planes = values.reshape(-1).view(np.uint8).reshape(-1, array.dtype.itemsize).T
         parts.append(planes.tobytes())
         offset += values.nbytes
-    return described, zlib.compress(b"".join(parts), 6)
+    return entries, zlib.compress(b"".join(parts), 6)

@@ -295,13 +295,13 @@ def serve_until_stopped(subject: Path, page: Page, port: int, open_browser: bool
     server = Server(page, port, secrets.token_urlsafe(16))
 
     async def serve() -> None:
-        stopped = asyncio.Event()
+        end = asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, stopped.set)
+            asyncio.get_running_loop().add_signal_handler(number, end.set)
         print(f"{subject}: {server.address} (Ctrl-C ends it)", flush=True)
         if open_browser:
             # Some browsers return when they are closed: nothing waits for them.
             threading.Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
-        await server.serve(stopped.wait())
+        await server.serve(end.wait())
 
     asyncio.run(serve())

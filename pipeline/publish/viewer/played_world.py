@@ -164,11 +164,11 @@ class PlayedWorld:
 
     def felt(self, _: Mapping[str, Any]) -> Answer:
         """Return the images (height, width, 3) of both fingers, and the forces that they bear, newtons."""
-        felt = self._felt
-        forces = [[felt[name].normal_n, felt[name].tangential_n] for name in felt]
-        touched = [felt[name].touched for name in felt]
-        images = b"".join(felt[name].image.rgb.tobytes() for name in felt)
-        return {"forces": forces, "touched": touched, "said": self._said}, images
+        answers = self._felt
+        forces = [[answers[name].normal_n, answers[name].tangential_n] for name in answers]
+        contacts = [answers[name].touched for name in answers]
+        images = b"".join(answers[name].image.rgb.tobytes() for name in answers)
+        return {"forces": forces, "touched": contacts, "said": self._said}, images
 
     def act(self, query: Mapping[str, Any]) -> Answer:
         """Do what ``act`` names in the world; it is done when this answers."""

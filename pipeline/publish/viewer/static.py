@@ -82,17 +82,17 @@ def player_script(object_file: Path, object_id: str, cache: Path | None = None) 
     """
     if object_id in ("", ".", "..") or "/" in object_id or "\\" in object_id or "\0" in object_id:
         raise InputError(repr(object_id), "no file name", "Give an id without separators.")
-    kept = cache / f"{file_digest(object_file)}.{FORMAT}" if cache else None
-    if kept and kept.is_file():
-        data = kept.read_bytes()
+    copy = cache / f"{file_digest(object_file)}.{FORMAT}" if cache else None
+    if copy and copy.is_file():
+        data = copy.read_bytes()
     else:
         from objectfolder.object_file import ObjectFile  # with `bake`, most of what a report would import
         from pipeline.publish.viewer.bake import bake
 
         header, arrays = bake(ObjectFile.load(object_file))
         data = f'{{"header": {_quoted(header)}, "data": "{base64.b64encode(arrays).decode()}"}}'.encode()
-        if kept:
-            _write(kept, data)
+        if copy:
+            _write(copy, data)
     # An object without a prototype: any id is a plain key of it.
     own = f"(window.objectfolderPlayers ??= Object.create(null))[{_quoted(object_id)}] = "
     return own.encode() + data + b";\n"
