@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import pytest
 import yaml
 
 from learning import encoders, occupancy, recognition, reconstruction, retrieval, runs
-from learning.__main__ import TASKS
+from learning.__main__ import TASKS, main
 from learning.page import settings_path, write_page
 from learning.runs import Objects, kept, kept_path
 from learning.settings import read_settings
@@ -143,6 +144,17 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     assert re.search(r"chance\s25\.0\.", text)
     assert text.count("audio controls") >= 3
     assert not re.search(r'(?:src|href)="(?!data:|index\.html)', text), "the page stands alone"
+
+
+def test_figures_stand_beside_the_settings_and_the_objects_that_they_are_of(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr("learning.__main__.read_settings", lambda path: tiny)
+    monkeypatch.setitem(TASKS, "retrieval", lambda objects, settings, workers: {"objects": len(objects)})
+    monkeypatch.setattr(sys, "argv", ["learning", "retrieval", "--results", str(tmp_path)])
+    main()
+    figures = tmp_path / "retrieval.json"
+    assert json.loads(figures.read_text()) == {"objects": 4}
+    stated = json.loads(settings_path(figures).read_text())
+    assert stated == {"objects": ["a", "b", "c", "d"], "settings": json.loads(json.dumps(tiny.model_dump()))}
 
 
 def test_too_few_objects_are_an_error(small_file, tiny, tmp_path):

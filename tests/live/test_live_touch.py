@@ -96,8 +96,8 @@ def test_a_finger_presses_with_the_sensor_that_the_files_were_made_with():
     simulation = Posed({"mug": np.eye(4), "finger": touches.sensor_to_object[0]})
     found = LiveTouch(simulation, {"mug": other}, {"finger": Finger()}).feel()["finger"]
     np.testing.assert_array_equal(found.image.rgb, touches.rgb[0])
-    simulation.poses["mine"] = np.eye(4)
-    files = {"mine": MUG, "mug": other}
+    simulation.poses |= {"mine": np.eye(4), "twin": np.eye(4)}
+    files = {"mine": MUG, "twin": MUG, "mug": other}
     with pytest.raises(QueryError, match="'mine' was made with another sensor than 'mug'"):
         LiveTouch(simulation, files, {"finger": Finger()})
     chosen = {"finger": Finger(sensor=other.touch.sensor)}

@@ -17,7 +17,7 @@ from pipeline.dataset.parameters import read_parameters
 from pipeline.dataset.records import row_of
 from pipeline.dataset.stages import MODES, STAGES
 from pipeline.dataset.verified import Verified
-from pipeline.run.code_digests import CODE, write_code_digests
+from pipeline.run.code_digests import CODE, REPORT, write_code_digests
 
 DVC = yaml.safe_load((REPOSITORY / "dvc.yaml").read_text())["stages"]
 
@@ -44,7 +44,7 @@ def test_every_stage_but_the_first_has_a_dependency_and_none_always_changes():
     assert not any("always_changed" in stage for stage in DVC.values())
 
 
-def test_all_code_of_a_stage_has_a_digest(tmp_path):
+def test_all_code_of_a_stage_has_a_digest(tmp_path, monkeypatch):
     (tmp_path / "data").mkdir()
     (tmp_path / "params.yaml").symlink_to(REPOSITORY / "params.yaml")
     write_code_digests(tmp_path)
@@ -52,6 +52,11 @@ def test_all_code_of_a_stage_has_a_digest(tmp_path):
     named = [name for stage in DVC.values() for file in stage.get("params", ()) if str(CODE) in file
              for name in file[str(CODE)]]  # fmt: skip
     assert sorted(named) == sorted(digests)
+    (tmp_path / "index.html.j2").write_text("another page")
+    monkeypatch.setattr("pipeline.run.code_digests.PAGES", tmp_path)
+    write_code_digests(tmp_path)
+    another = json.loads((tmp_path / CODE).read_text())
+    assert [name for name in digests if another[name] != digests[name]] == [REPORT]
 
 
 def pins(path):

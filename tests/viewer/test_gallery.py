@@ -71,6 +71,7 @@ def test_pages_say_what_the_file_says(gallery, small_file):
     file = objectfolder.load(small_file)
     assert f"{len(file.modes.eigenvalues)} modes" in page
     assert f"120.0 {TIMES} 30.0 {TIMES} 8.0 mm" in page
+    assert f"View, PSNR of the foreground {file.fidelity['vision']['psnr_foreground_db']:.1f} dB" in page
     assert (gallery / "data/object_files/bar.safetensors").read_bytes() == small_file.read_bytes()
     with Image.open(io.BytesIO((gallery / "objects" / "bar.webp").read_bytes())) as turning:
         assert turning.size == (2 * 32, 32)
