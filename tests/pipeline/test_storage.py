@@ -15,8 +15,9 @@ from toys import FILES, QUALITY, REPOSITORY, TUNED
 
 from objectfolder.errors import InputError, MissingPackageError, SimulationError
 from pipeline.dataset import products
+from pipeline.dataset.manifest import Entry
 from pipeline.store import shared
-from pipeline.store.product_cache import ProductCache
+from pipeline.store.product_cache import INDEX, ProductCache
 from pipeline.store.storage import PATIENCE, STORE, Store, product_name, source_name
 
 FINGERPRINT = "ab" * 32
@@ -327,6 +328,8 @@ def test_an_experiment_in_a_copy_has_the_cache_of_its_original(tmp_path):
     for checkout in (tmp_path, copy):  # a partition has that of its checkout
         assert ProductCache(checkout / "partitions" / "000").path(MD5) == cached
     assert ProductCache(tmp_path.parent / "exps" / "x").path(MD5) != cached
+    ProductCache(copy).add([Entry("mug", "views", "data/views/mug.zarr.zip", "f" * 64, MD5, 1)])
+    assert MD5 in (tmp_path / INDEX).read_text()
 
 
 def test_a_damaged_copy_in_the_cache_goes(toys):
