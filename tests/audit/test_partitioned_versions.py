@@ -16,6 +16,7 @@ from pipeline.audit.verification import verify
 from pipeline.cli import main
 from pipeline.cli.printing import FINE
 from pipeline.dataset import stages
+from pipeline.dataset.lock_file import LOCK
 from pipeline.dataset.manifest import MANIFEST
 from pipeline.dataset.partition_folders import FOLDER, folders, partition_number
 from pipeline.dataset.records import read_records, read_table, write_records
@@ -157,6 +158,14 @@ def test_damage_in_a_partition_is_named_by_its_path(workshop):
         finally:
             path.write_bytes(before)
         assert {finding.where for finding in findings} == {str(path.relative_to(checkout.root))}
+        lock = folders(checkout.root)[-1] / LOCK
+        text = lock.read_text()
+        lock.write_text("schema: [")
+        try:
+            findings = verify(contents, checkout.at(contents, None), checkout.stages).findings
+        finally:
+            lock.write_text(text)
+        assert LOCK in {finding.where for finding in findings}
 
 
 def test_single_objects_are_fetched_of_any_partition(workshop, tmp_path):
