@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 from small_meshes import CUBE_FACES, CUBE_VERTICES, box, checker, cube, sphere, write_textured_cube
 
@@ -27,9 +28,18 @@ from objectfolder.mesh.walls import (
 )
 from objectfolder.products.store import read_product, write_product
 from pipeline.dataset.catalogue import read_catalogue
+from pipeline.dataset.task import Request
+from pipeline.tasks.objects import prepare_object
 
 REPOSITORY = Path(__file__).parents[2]
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
+
+
+def test_the_task_takes_the_axis_that_a_row_calls_up(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(path)
+    product = prepare_object(Request("box", {"mesh": path}, {}, {"length_m": 0.3, "up": "x"}, 0))
+    assert np.ptp(product["vertices"], axis=0)[2] == pytest.approx(0.1)
 
 
 def test_product_holds_the_mesh_and_its_measures(tmp_path):
