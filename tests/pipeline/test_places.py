@@ -12,8 +12,10 @@ import psutil
 import pytest
 
 from objectfolder.errors import InputError
+from pipeline.cluster import pools
 from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place, read_place
+from pipeline.dataset.job import BLENDER, GPU
 from tests.patience import wait_until
 
 ADDRESS = "tls://10.0.0.1:8786"
@@ -45,6 +47,13 @@ def test_the_places_that_come_with_the_code_name_their_classes(pytestconfig):
     assert {name: place.starts for name, place in found.items()} == CLASSES
     assert found["slurm"].adapt == Adapt(minimum=0, maximum=8)
     assert found["slurm"].capacity() == (8, 16, int(0.9 * 64e9))
+
+
+def test_a_worker_serves_the_pools_that_it_was_started_for(monkeypatch):
+    monkeypatch.setattr(pools, "offers_here", lambda: [BLENDER])
+    assert pools.stated({GPU: 1.0}) == [GPU]
+    assert pools.stated({pools.NOTHING: 1.0}) == []
+    assert pools.stated({"memory": 1.0}) == [BLENDER]
 
 
 def test_what_is_named_goes_before_the_variables(root, monkeypatch):
