@@ -21,6 +21,7 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.readers.load import load_mesh, source_files
 from objectfolder.mesh.readers.textures import read_texture
+from objectfolder.mesh.readers.vertex_colours import vertex_colours_of
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 
@@ -95,6 +96,11 @@ def test_normals_of_gltf_stay_normal_in_stretched_and_mirrored_nodes(tmp_path, s
     facet = np.cross(mesh.vertices[mesh.faces[0, 1]] - mesh.vertices[mesh.faces[0, 0]],
                      mesh.vertices[mesh.faces[0, 2]] - mesh.vertices[mesh.faces[0, 0]])  # fmt: skip
     assert (mesh.normals[0] @ facet > 0).all()
+
+
+def test_vertex_colours_up_to_one_are_shares_and_others_are_bytes():
+    for rows, colour in (([[1.0, 0.0, 0.5], []], (1, 0, 0.5)), ([[255.0, 0.0, 51.0]], (1, 0, 0.2))):
+        np.testing.assert_allclose(vertex_colours_of(Path("box.obj"), rows, [])[0], colour)
 
 
 def test_ply_with_vertex_colours(tmp_path):

@@ -45,6 +45,10 @@ def test_volume_of_closed_and_open_boxes():
     cube = Surface(CUBE_VERTICES * [2, 1, 0.5] + 3, CUBE_FACES)
     assert is_closed(cube)
     assert enclosed_volume(cube) == (pytest.approx(1.0), 0.0)
+    corners = np.concatenate([CUBE_VERTICES, CUBE_VERTICES + 0.5])
+    crossing = Surface(corners, np.concatenate([CUBE_FACES, CUBE_FACES + len(CUBE_VERTICES)]))
+    volume, error = enclosed_volume(crossing)
+    assert abs(volume - 1.875) < 4 * error < 0.06
     vertices, faces = sphere(1.0, 2)
     holed = Surface(vertices, faces[12:])
     assert not is_closed(holed)
