@@ -185,7 +185,6 @@ def test_tasks_work_in_a_scratch_folder_that_goes(toys):
     assert not (toys.root / "left_behind").exists()
 
 
-@pytest.mark.slow
 def test_hung_task_is_ended_with_what_it_started(toys, monkeypatch):
     (call,) = calls_of(toys, ["hang"], {"hang": HANG})
     with Child(toys.root, ChildSettings(time_limit_s=3.0)) as child:
