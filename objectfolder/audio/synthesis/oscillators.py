@@ -234,5 +234,8 @@ class Oscillators:
         safe = np.where(slow > 0, slow, 1.0)
         time = np.full(len(self), needed) / safe
         for _ in range(12):
+            before = time
             time = (needed + np.log1p(self.dampings_per_s * np.minimum(time, period))) / safe
+            if (time == before).all():
+                break
         return np.where(slow > 0, np.ceil(time * self.sample_rate_hz), np.inf)

@@ -1,7 +1,7 @@
 """A bank of resonators: the state of every mode, and the step that takes all of them on.
 
-Free motion is the two coefficients of `Oscillators.basis` a mode. Sixteen samples at a time are read off
-them, then the coefficients move on by the exact matrix of sixteen samples. Under a force that is linear over
+Free motion is the two coefficients of `Oscillators.basis` a mode. Sixty-four samples at a time are read off
+them, then the coefficients move on by the exact matrix of so many samples. Under a force that is linear over
 each sample they move by one sample, and gain what the force does in it, in closed form. State that is kept is
 a stream; a sound is a stream of one block. A mode is dropped when its lifetime has passed, long before its
 numbers could become denormal.
@@ -14,8 +14,8 @@ divided difference, which has no small denominator.
 """
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +130,8 @@ def _convolved(a: NDArray[np.complex128], b: complex, t: Floats) -> NDArray[np.c
 
 
 LOWEST_FLOOR_DB = -600.0  # beyond, numbers would leave the range of full precision
-STRIDE = 16
+RESONATORS_KEPT = 16
+STRIDE = 64  # the kernel has it as a number
 
 
 @dataclass(frozen=True)
@@ -143,15 +144,16 @@ class Resonators:
     weights : (modes,) of displacement and velocity in what is heard
     order : (modes,) their indices among the oscillators given to `of`
     lifetimes : (modes,) samples, descending
-    steps : (5, 17, modes), for 0 to 16 samples: the basis, and the second to fourth entry of the matrix that
-        moves coefficients on; its first is that of the basis
+    table : (modes, 2, 64) the basis at 0 to 63 samples
+    moves : (65, 4, modes) the matrix that moves coefficients on, by 0 to 64 samples
     """
 
     oscillators: Oscillators
     weights: tuple[Floats, Floats]
     order: NDArray[np.int64]
     lifetimes: Floats
-    steps: Floats
+    table: Floats
+    moves: Floats
 
     @classmethod
     def of(cls, oscillators: Oscillators, weights: tuple[Floats, Floats], floor_db: float) -> "Resonators":
@@ -164,12 +166,9 @@ class Resonators:
         """
         if not LOWEST_FLOOR_DB <= floor_db < 0:
             raise QueryError("floor_db", f"{floor_db} dB", f"Give {LOWEST_FLOOR_DB:g} to below 0.")
-        lifetimes = oscillators.lifetimes(floor_db)
-        order = np.argsort(-lifetimes, kind="stable")
-        modes = oscillators.take(order)
-        basis = modes.basis(np.arange(STRIDE + 1))
-        steps = np.stack([*basis, *modes.shift_matrix(basis)[1:]])
-        return cls(modes, (weights[0][order], weights[1][order]), order, lifetimes[order], steps)
+        numbers = oscillators.eigenvalues, oscillators.dampings_per_s, *weights
+        # A query asks for those of the one before it, as a rule.
+        return _resonators(oscillators.sample_rate_hz, floor_db, *(row.tobytes() for row in numbers))
 
     def __len__(self) -> int:
         return len(self.order)
@@ -177,8 +176,9 @@ class Resonators:
     def damped(self, added_per_s: Floats) -> "Resonators":
         """Return them with larger decay rates, by (modes,), and the same frequencies."""
         seconds = np.arange(STRIDE + 1)[:, None] / self.oscillators.sample_rate_hz
-        steps = self.steps * np.exp(-added_per_s * seconds)
-        return Resonators(self.oscillators, self.weights, self.order, self.lifetimes, steps)
+        left = np.exp(-added_per_s * seconds)
+        table, moves = self.table * left[:STRIDE].T[:, None], self.moves * left[:, None]
+        return replace(self, table=table, moves=moves)
 
     @cached_property
     def _ramps(self) -> dict[float, Floats]:
@@ -187,8 +187,19 @@ class Resonators:
 
     def coefficients(self, state: tuple[Floats, Floats], later: float) -> Floats:
         """Coefficients (n, 2, modes) some samples after displacements and velocities (n, modes)."""
-        first = self.oscillators.coefficients(self.weights, *state)
-        return np.stack(self.oscillators.shifted(first, [later]) if later else first, axis=1)
+        return self._later(state[0][:, None] * self._units[0] + state[1][:, None] * self._units[1], later)
+
+    def _later(self, coefficients: Floats, samples: float) -> Floats:
+        if not samples:
+            return coefficients
+        return np.stack(self.oscillators.shifted((coefficients[:, 0], coefficients[:, 1]), [samples]), axis=1)
+
+    @cached_property
+    def _units(self) -> Floats:
+        """Coefficients (2, 2, modes) of a unit of displacement and of a unit of velocity."""
+        ones, zeros = np.ones(len(self)), np.zeros(len(self))
+        states = ((ones, zeros), (zeros, ones))
+        return np.array([self.oscillators.coefficients(self.weights, *state) for state in states])
 
     def ring(self, coefficients: Floats, sound: Floats, begin: int = 0, age: float = 0.0) -> None:
         """Add free motion to `sound` (n, samples), and move `coefficients` (n, 2, modes) to its end.
@@ -200,7 +211,7 @@ class Resonators:
         age
             Number of samples since all modes sounded.
         """
-        _ring(self.steps, self.lifetimes - age, coefficients, sound, begin)
+        _ring(self.table, self.moves, self.lifetimes, coefficients, sound, begin, age)
 
     def drive(self, gains: Floats, forces_n: Floats, sound: Floats) -> Floats:
         """Add the motion (samples,) from rest under forces, and return coefficients (2, modes) at its end.
@@ -218,7 +229,9 @@ class Resonators:
             self.oscillators.coefficients(self.weights, *ramp) for ramp in ramp_responses(self.oscillators)
         ]
         coefficients = np.zeros((2, len(self)))
-        _drive(self.steps, np.array(kicks), np.ascontiguousarray(gains), padded, coefficients, sound)
+        _drive(
+            self.table, self.moves, np.array(kicks), np.ascontiguousarray(gains), padded, coefficients, sound
+        )
         return coefficients
 
     def onset(
@@ -236,8 +249,7 @@ class Resonators:
             Samples (below 1) by which it began before the first.
         """
         if pulse is None:
-            state = (np.zeros_like(amplitudes), amplitudes)
-            return np.zeros((len(amplitudes), 0)), self.coefficients(state, ahead)
+            return np.zeros((len(amplitudes), 0)), self._later(amplitudes[:, None] * self._units[1], ahead)
         lasting_s = pulse.duration_s if isinstance(pulse, ForceProfile) else pulse
         ends = lasting_s * self.oscillators.sample_rate_hz - ahead
         during = min(max(0, math.ceil(ends)), most)
@@ -257,68 +269,85 @@ class Resonators:
         return onset, self.coefficients(state, max(0.0, during - ends))
 
 
+@lru_cache(maxsize=RESONATORS_KEPT)
+def _resonators(sample_rate_hz: float, floor_db: float, *rows: bytes) -> Resonators:
+    """Return `Resonators.of` from the bytes of its arrays: eigenvalues, dampings and both weights."""
+    eigenvalues, dampings, of_displacement, of_velocity = (np.frombuffer(row) for row in rows)
+    oscillators = Oscillators(eigenvalues, dampings, sample_rate_hz)
+    lifetimes = oscillators.lifetimes(floor_db)
+    order = np.argsort(-lifetimes, kind="stable")
+    modes = oscillators.take(order)
+    basis = modes.basis(np.arange(STRIDE + 1))
+    table = np.ascontiguousarray(np.array(basis)[:, :STRIDE].T.swapaxes(1, 2))
+    moves = np.stack(modes.shift_matrix(basis), axis=1)
+    weights = of_displacement[order], of_velocity[order]
+    return Resonators(modes, weights, order, lifetimes[order], table, moves)
+
+
 @relaxed_kernel
-def _ring(steps: Floats, ends: Floats, coefficients: Floats, sound: Floats, begin: int) -> None:
+def _ring(
+    table: Floats, moves: Floats, ends: Floats, coefficients: Floats, sound: Floats, begin: int, age: float
+) -> None:
     """Add free motions to sounds (n, samples), from coefficients (n, 2, modes), which move to their end."""
-    first, second, upper, lower, last = steps[0], steps[1], steps[2], steps[3], steps[4]
     samples = sound.shape[1] - begin
-    remainder = samples % 16
+    remainder = samples % 64
     for row in range(sound.shape[0]):
         a, b, out = coefficients[row, 0], coefficients[row, 1], sound[row, begin:]
-        for low in range(0, len(a), 64):  # modes whose steps fit the nearest cache
-            high = min(low + 64, len(a))
-            for k in range(0, samples - 15, 16):
-                while k % 64 == 0 and high > low and ends[high - 1] <= k:
+        for low in range(0, len(a), 16):  # modes whose table fits the nearest cache
+            high = min(low + 16, len(a))
+            for k in range(0, samples, 64):
+                while high > low and ends[high - 1] <= k + age:
                     high -= 1
                     a[high] = 0.0
                     b[high] = 0.0
-                if high == low:
+                if high == low or k + 64 > samples:
                     break
-                for half in range(0, 16, 8):  # sums of eight samples fill the vector registers
-                    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
-                    for j in range(low, high):
-                        x, y = a[j], b[j]
-                        t0 += first[half, j] * x + second[half, j] * y
-                        t1 += first[half + 1, j] * x + second[half + 1, j] * y
-                        t2 += first[half + 2, j] * x + second[half + 2, j] * y
-                        t3 += first[half + 3, j] * x + second[half + 3, j] * y
-                        t4 += first[half + 4, j] * x + second[half + 4, j] * y
-                        t5 += first[half + 5, j] * x + second[half + 5, j] * y
-                        t6 += first[half + 6, j] * x + second[half + 6, j] * y
-                        t7 += first[half + 7, j] * x + second[half + 7, j] * y
-                    out[k + half] += t0
-                    out[k + half + 1] += t1
-                    out[k + half + 2] += t2
-                    out[k + half + 3] += t3
-                    out[k + half + 4] += t4
-                    out[k + half + 5] += t5
-                    out[k + half + 6] += t6
-                    out[k + half + 7] += t7
-                # A loop of its own: vector registers need stores apart from sums.
+                part = out[k : k + 64]
+                j = low
+                while j + 4 <= high:  # four modes for each time that a sample is read and written
+                    x0, y0, x1, y1 = a[j], b[j], a[j + 1], b[j + 1]
+                    x2, y2, x3, y3 = a[j + 2], b[j + 2], a[j + 3], b[j + 3]
+                    four = table[j : j + 4]
+                    for i in range(64):
+                        part[i] += (
+                            (four[0, 0, i] * x0 + four[0, 1, i] * y0)
+                            + (four[1, 0, i] * x1 + four[1, 1, i] * y1)
+                            + (four[2, 0, i] * x2 + four[2, 1, i] * y2)
+                            + (four[3, 0, i] * x3 + four[3, 1, i] * y3)
+                        )
+                    j += 4
+                while j < high:
+                    x0, y0 = a[j], b[j]
+                    for i in range(64):
+                        part[i] += table[j, 0, i] * x0 + table[j, 1, i] * y0
+                    j += 1
                 for j in range(low, high):
                     x, y = a[j], b[j]
-                    a[j] = first[16, j] * x + upper[16, j] * y
-                    b[j] = lower[16, j] * x + last[16, j] * y
-            for i in range(remainder):
-                total = 0.0
-                for j in range(low, high):
-                    total += first[i, j] * a[j] + second[i, j] * b[j]
-                out[samples - remainder + i] += total
+                    a[j] = moves[64, 0, j] * x + moves[64, 1, j] * y
+                    b[j] = moves[64, 2, j] * x + moves[64, 3, j] * y
             for j in range(low, high):
                 x, y = a[j], b[j]
-                a[j] = first[remainder, j] * x + upper[remainder, j] * y
-                b[j] = lower[remainder, j] * x + last[remainder, j] * y
+                for i in range(remainder):
+                    out[samples - remainder + i] += table[j, 0, i] * x + table[j, 1, i] * y
+                a[j] = moves[remainder, 0, j] * x + moves[remainder, 1, j] * y
+                b[j] = moves[remainder, 2, j] * x + moves[remainder, 3, j] * y
 
 
 @relaxed_kernel
 def _drive(
-    steps: Floats, kicks: Floats, gains: Floats, forces: Floats, coefficients: Floats, sound: Floats
+    table: Floats,
+    moves: Floats,
+    kicks: Floats,
+    gains: Floats,
+    forces: Floats,
+    coefficients: Floats,
+    sound: Floats,
 ) -> None:
     """Add to `sound` (samples,) the motion under forces (samples + 1, directions), from coefficients.
 
     Of `kicks` (2, 2, modes) the first falls from the force at a sample, the second rises to that at the next.
     """
-    first, second, upper, lower, last = steps[0], steps[1], steps[2], steps[3], steps[4]
+    move, now_of_a, now_of_b = moves[1], table[:, 0, 0].copy(), table[:, 1, 0].copy()
     a, b = coefficients[0], coefficients[1]
     directions, modes = gains.shape
     force = np.zeros(modes)
@@ -329,12 +358,12 @@ def _drive(
         total = 0.0
         for j in range(modes):
             x, y = a[j], b[j]
-            total += first[0, j] * x + second[0, j] * y
+            total += now_of_a[j] * x + now_of_b[j] * y
             now = force[j]
             then = 0.0
             for d in range(directions):
                 then += gains[d, j] * forces[k + 1, d]
-            a[j] = first[1, j] * x + upper[1, j] * y + kicks[0, 0, j] * now + kicks[1, 0, j] * then
-            b[j] = lower[1, j] * x + last[1, j] * y + kicks[0, 1, j] * now + kicks[1, 1, j] * then
+            a[j] = move[0, j] * x + move[1, j] * y + kicks[0, 0, j] * now + kicks[1, 0, j] * then
+            b[j] = move[2, j] * x + move[3, j] * y + kicks[0, 1, j] * now + kicks[1, 1, j] * then
             force[j] = then
         sound[k] += total

@@ -6,7 +6,9 @@ lifetime has passed since the latest contact, and is then no longer computed.
 """
 
 import math
+from bisect import insort
 from dataclasses import dataclass
+from operator import attrgetter, itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +25,7 @@ Floats = NDArray[np.float64]
 MOST_BLOCK_SAMPLES = 1 << 26  # of a block
 MOST_VOICES = 4096
 MOST_ONSET_SAMPLES = 1 << 22
+START = attrgetter("start")
 
 
 @dataclass(eq=False)
@@ -74,9 +77,9 @@ class Voices:
         self._columns = columns[self._bank.order]
         self._ends = -self._bank.lifetimes
         self._added: Floats | None = None
-        self._ringing = np.zeros((2, len(oscillators)))
+        self._ringing = np.zeros((1, 2, len(oscillators)))
         self._age = math.inf
-        self._voices: list[Voice] = []
+        self._voices: list[Voice] = []  # the earliest first
         self.now = 0
 
     @classmethod
@@ -162,7 +165,7 @@ class Voices:
             raise QueryError("pulse_s", f"{lasting_s} s", "Give seconds; None for an ideal impulse.")
         self._make_room((lasting_s or 0) * self._rate)
         onset, coefficients = self._bank.onset(gains[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
-        self._voices.append(Voice(begin, onset[0], coefficients[0]))
+        insort(self._voices, Voice(begin, onset[0], coefficients[0]), key=START)
 
     @renamed_keywords(forces="forces_n")
     def push(self, gains: ArrayLike, forces_n: ArrayLike, *, at: int | None = None) -> None:
@@ -192,7 +195,7 @@ class Voices:
         self._make_room(len(pushes))
         onset = np.zeros(len(pushes))
         coefficients = self._bank.drive(fields[:, self._columns], pushes, onset)
-        self._voices.append(Voice(begin, onset, coefficients))
+        insort(self._voices, Voice(begin, onset, coefficients), key=START)
 
     def damp(self, added_per_s: Floats) -> None:
         """Let decay rates be larger from now on.
@@ -215,7 +218,7 @@ class Voices:
 
     def amplitudes(self) -> Floats:
         """Envelopes (modes,) of what is heard of each ringing mode now, those that live longest first."""
-        a, b = self._ringing
+        a, b = self._ringing[0]
         ringing = self._bank.oscillators.discriminants > 0
         return np.hypot(a, np.where(ringing, b / np.maximum(self._bank.oscillators.roots_per_s, 1e-300), b))
 
@@ -228,10 +231,13 @@ class Voices:
             A number that is not positive.
         """
         samples = whole("samples", samples, 1, MOST_BLOCK_SAMPLES)
-        sound = np.zeros((1, samples))
-        self._add_ringing(sound)
-        for voice in [voice for voice in self._voices if voice.start < self.now + samples]:
-            self._add_voice(voice, sound)
+        sound, begin = np.zeros((1, samples)), 0
+        for end, voice in self._ended(sound[0]):
+            if end > begin:
+                self._ring(sound[:, begin:end])
+            self._ringing[0] += self._lost(voice.coefficients, len(voice.onset) / 2)
+            self._age, begin = 0.0, end
+        self._ring(sound[:, begin:] if begin else sound)
         self.now += samples
         return sound[0]
 
@@ -253,25 +259,26 @@ class Voices:
             finding = f"{len(self._voices)} contacts wait, {waiting} samples of them"
             raise QueryError("voices", finding, "Take blocks before adding more.")
 
-    def _add_ringing(self, sound: Floats) -> None:
+    def _ring(self, sound: Floats) -> None:
         """Add to `sound` (1, samples) what rings, and move it to its end."""
-        if self.ringing_modes:
-            self._damped.ring(self._ringing[None], sound, age=self._age)
+        self._damped.ring(self._ringing, sound, age=self._age)
         self._age += sound.shape[1]
-        self._ringing[:, self.ringing_modes :] = 0
 
-    def _add_voice(self, voice: Voice, sound: Floats) -> None:
-        """Add to `sound` (1, samples) a contact, which joins what rings when it has ended."""
-        begin = voice.start - self.now
-        heard = voice.onset[max(0, -begin) : sound.shape[1] - begin]
-        sound[0, max(0, begin) : max(0, begin) + len(heard)] += heard
-        end = begin + len(voice.onset)
-        if end < sound.shape[1]:
-            coefficients = self._lost(voice.coefficients, len(voice.onset) / 2)[None].copy()
-            self._damped.ring(coefficients, sound, end)
-            self._ringing += coefficients[0]
-            self._age = min(self._age, sound.shape[1] - end)
+    def _ended(self, sound: Floats) -> list[tuple[int, Voice]]:
+        """Add contacts to `sound` (samples,); return those that end in it and where, the earliest first."""
+        ended: list[tuple[int, Voice]] = []
+        for voice in self._voices:
+            begin = voice.start - self.now
+            if begin >= len(sound):
+                break
+            heard = voice.onset[max(0, -begin) : len(sound) - begin]
+            sound[max(0, begin) : max(0, begin) + len(heard)] += heard
+            end = begin + len(voice.onset)
+            if end < len(sound):
+                ended.append((end, voice))
+        for _, voice in ended:
             self._voices.remove(voice)
+        return sorted(ended, key=itemgetter(0))
 
     def _lost(self, coefficients: Floats, samples: float) -> Floats:
         """Coefficients (2, modes) without what added damping takes in some samples."""
