@@ -67,6 +67,12 @@ class ClosestPoints:
     face: np.ndarray
     barycentric: np.ndarray
 
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: slice) -> "ClosestPoints":
+        return ClosestPoints(self.points[rows], self.distance[rows], self.face[rows], self.barycentric[rows])
+
 
 @dataclass(frozen=True)
 class SurfaceSamples:

@@ -285,10 +285,11 @@ def test_without_a_mass_there_is_no_pressure(small_file: Path) -> None:
 def flipped(file: ObjectFile) -> ObjectFile:
     """Return the file with every second mode shape of the other sign, as a solver may give them."""
     other = copy.copy(file)
-    gains = file.modes.gains
+    gains_at = file.modes.gains_at
     signs = (-1.0) ** np.arange(len(file.modes.eigenvalues))
     modes = copy.copy(file.modes)
-    modes.gains = lambda points: gains(points) * signs  # type: ignore[method-assign]  (of this copy alone)
+    # Of this copy alone; `gains` asks it.
+    modes.gains_at = lambda places: gains_at(places) * signs  # type: ignore[method-assign]
     other.sound = SoundQueries(modes, file.sound.contacts, file.description)
     return other
 

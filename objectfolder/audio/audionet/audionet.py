@@ -43,7 +43,7 @@ MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")
 RADIATION = "radiation_dampings_per_s"  # not in a file whose radiation was not solved
 # Rows of one matrix product. A row's answer must not depend on how many others there are, and the order in
 # which a product adds up may depend on its shape: every product has this one.
-PRODUCT_ROWS = 16
+PRODUCT_ROWS = 4
 NOTEBOOK_MODES = 20  # modes in a notebook
 # Several times what any object has needed; a larger number in a file is no reason to set memory aside.
 LARGEST_DIMENSIONS = 16

@@ -296,23 +296,21 @@ class SoundQueries:
             at, pushes = self._pushes(points, impulses_n_s, forces_n)
         else:
             at, pushes = self._pushes(points, velocities_m_s, None, "velocities_m_s")
-        contacts, ears = at.points, self._listeners(listener)
+        ears = self._listeners(listener)
         rate_hz = real("sample_rate_hz", query.sample_rate_hz, *SAMPLE_RATES_HZ, " Hz")
         duration_s = real("duration_s", query.duration_s, 1 / rate_hz, LONGEST_S, " s")
         places = self._places(observed)
         heard = places if listener is None else ears
         body = self._struck_body(query.modes, query.support)
         if isinstance(pulse, ContactBody) and impulses_n_s is None and forces_n is None:
-            pushes = body.passed_on(contacts, pushes, pulse)
+            pushes = body.passed_on(at.points, pushes, pulse)
         channels = len(heard) if isinstance(heard, np.ndarray) else 1
         samples = samples_of(duration_s, rate_hz)
         remedy = "Ask for less time at once, or a lower rate."
         require_room("duration_s, sample_rate_hz", 4 * channels * samples, remedy)
-        parts = body.sounds(
-            contacts, pushes, duration_s, rate_hz, pulse=pulse, observed=places, listeners=ears
-        )
+        parts = body.sounds(at, pushes, duration_s, rate_hz, pulse=pulse, observed=places, listeners=ears)
         single = np.ndim(observed if listener is None else listener) < 2
-        return (len(contacts), channels, samples), single, parts
+        return (len(at), channels, samples), single, parts
 
     def _places(self, observed: str | ArrayLike) -> Observed:
         """Return a name, or points (channels, 3) on the surface."""
@@ -333,7 +331,7 @@ class SoundQueries:
     ) -> tuple[ClosestPoints, np.ndarray]:
         """Return n contacts on the surface, and impulses (n, 3) by their name or forces (n, k, 3) on them."""
         places = points if isinstance(points, ClosestPoints) else self.contacts.project(points)
-        count = len(places.points)
+        count = len(places)
         if forces_n is not None and impulses_n_s is not None:
             raise QueryError("impulses_n_s, forces_n", "both given", "Give one of them.")
         if forces_n is not None:

@@ -105,7 +105,7 @@ class StruckBody:
 
     def sounds(
         self,
-        points: Floats,
+        points: Floats | ClosestPoints,
         forces: Floats,
         duration_s: float,
         sample_rate_hz: float,
@@ -120,7 +120,7 @@ class StruckBody:
         Parameters
         ----------
         points
-            (n, 3) on the surface.
+            (n, 3) on the surface, or known places of it.
         forces
             (n, 3) newton seconds, or (n, k, 3) newtons at the samples.
         observed
@@ -143,16 +143,18 @@ class StruckBody:
         for start in range(0, len(points), step):
             rows = slice(start, min(start + step, len(points)))
             sound = np.zeros((rows.stop - start, len(channels), samples), dtype=np.float32)
-            motion = self.motion(points[rows])
+            places = points[rows]
+            motion = self.motion(places)
             own: PulseOfRows = durations[rows] if isinstance(durations, np.ndarray) else durations
             pushes, energy = forces[rows], None
             if striker:
-                collisions = self.collisions(points[rows], motion, pushes, striker)
+                at = places.points if isinstance(places, ClosestPoints) else places
+                collisions = self.collisions(at, motion, pushes, striker)
                 pushes, own, energy = collisions.impulses_n_s, collisions.profiles, collisions.energy_j
-            part = np.empty((len(sound), samples))
-            for channel, sources in enumerate(channels):
-                total = np.zeros_like(part)
-                for source in sources:
+            total, part = (np.empty((len(sound), samples)) for _ in range(2))
+            for channel, (first, *others) in enumerate(channels):
+                first.write(motion, pushes, own, total, floor_db)
+                for source in others:
                     source.write(motion, pushes, own, part, floor_db)
                     total += part
                 sound[:, channel] = total
@@ -161,8 +163,7 @@ class StruckBody:
     def motion(self, points: Floats | ClosestPoints) -> Motion:
         """Return how each mode moves where it is struck."""
         modes = len(self.eigenvalues)
-        count = len(points.points if isinstance(points, ClosestPoints) else points)
-        shapes = self.gains(points)[:, :, :modes] if modes else np.zeros((count, 3, 0))
+        shapes = self.gains(points)[:, :, :modes] if modes else np.zeros((len(points), 3, 0))
         return Motion(shapes, lambda: self.normals(points))
 
     def rms_velocity(self, points: Floats, impulses: Floats, times_s: Floats) -> Floats:
