@@ -12,8 +12,8 @@ from objectfolder.vision.compiled.smoothing import SMOOTH_LOBE, make_smoother
 from objectfolder.vision.compiled.visibility import View
 
 # Points of a smooth piece of surface in a pixel whose gloss is asked whether it shows any surface, and how it
-# looks.
-GLOSS_PROBES, GLOSS_POINTS = 2, 4
+# looks. Where a piece ends these are all that are shaded: what gloss shows varies with the place.
+GLOSS_PROBES, GLOSS_POINTS = 2, 12
 
 
 def shade_gloss(

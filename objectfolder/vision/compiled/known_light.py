@@ -21,7 +21,7 @@ from objectfolder.vision.network.network_layout import LEAST_COSINE
 INFINITE_DISTANCE = 1e4
 # Directions of a point's gloss in which the surface is looked for, and in pixels in which something ends, for
 # these are not averaged with others: of matt things, and where there is metal.
-GLOSS_SAMPLES, METAL_SAMPLES = (2, 4), (4, 16)
+GLOSS_SAMPLES, METAL_SAMPLES = (2, 2), (4, 16)
 # Times that gloss shows gloss, and what parts the directions of these.
 GLOSS_BOUNCES, OFFSET = 2, 977
 # Roughness of a dielectric from which on a coarse image shows no surface in it: .5 dB of 44 in the mean.
