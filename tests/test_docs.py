@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urldefrag, urlsplit
@@ -21,6 +22,7 @@ from cyclopts import CycloptsError
 
 import objectfolder
 from pipeline.cli import application
+from tests.cache_key import checkout_key
 
 pytest_plugins = ["tests.browser"]
 REPOSITORY = Path(__file__).parents[1]
@@ -30,16 +32,19 @@ LOADED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src")
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, ElementTree.Element]:
-    """The pages of the site, which is built, by their paths."""
-    folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    # Nothing outside this machine answers: a build that asks for something fails.
-    offline = {**os.environ, "http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
-    done = subprocess.run(
-        command, cwd=REPOSITORY, env=offline, capture_output=True, text=True, check=False, timeout=300
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+def pages(make_once: Callable[..., Path]) -> dict[Path, ElementTree.Element]:
+    """The pages of the site by their paths. It is built anew where a file of the checkout changed."""
+
+    def build(folder: Path) -> None:
+        command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+        # Nothing outside this machine answers: a build that asks for something fails.
+        offline = {**os.environ, "http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"}
+        done = subprocess.run(
+            command, cwd=REPOSITORY, env=offline, capture_output=True, text=True, check=False, timeout=300
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    folder = make_once("site", build, checkout_key())
     paths = sorted(folder.rglob("*.html"))
     return {path: html5lib.parse(path.read_bytes(), namespaceHTMLElements=False) for path in paths}
 

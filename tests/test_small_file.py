@@ -1,5 +1,6 @@
 """The committed Object File of the tests is what the real tasks make, within what processors differ by."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,20 +8,26 @@ import pytest
 
 import objectfolder
 from objectfolder.products.store import Product, read_product
-from tests.small_file import FOLDER, NAME, make
+from tests.cache_key import cache_key
+from tests.small_file import FOLDER, MATERIALS, NAME, make
 
 MADE_ANEW = (
     "what the tasks make has changed: where it is meant to, `python -m tests.small_file` commits to it"
 )
+SENSORS = Path(objectfolder.__file__).parent / "touch" / "sensor" / "sensors"
 LARGEST_BYTES = 100_000
+PACKAGES = (
+    "bpy", "embreex", "mkl", "numba", "numcodecs", "numpy", "pypardiso", "pytetwild", "scipy", "torch",
+    "trimesh", "zarr",
+)  # fmt: skip
 FIDELITY_DB = 0.5  # sums in another order move the fit's minimum by less
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("bar")
-    make(folder)
-    return folder
+def made(make_once: Callable[..., Path]) -> Path:
+    """The file and its truth, kept between runs until the code that makes them changes."""
+    files = [MATERIALS, *sorted(SENSORS.iterdir())]
+    return make_once("small-file", make, cache_key(["tests.small_file"], files, PACKAGES))
 
 
 def truths(made: Path, name: str) -> tuple[Product, Product]:
