@@ -20,7 +20,7 @@ COMPILE := UV_CUSTOM_COMPILE_COMMAND="make lock" uv pip compile --quiet --no-ann
 .DEFAULT_GOAL := help
 # Stamps of purposes are kept, though only a pattern names them.
 .PRECIOUS: $(VENV)/.installed-%
-.PHONY: help environment dataset hundred learn learn-small metaworld examples test test-all reality lint docs stages lock
+.PHONY: help environment dataset hundred learn learn-small metaworld wheel examples test test-all reality lint docs stages lock
 
 help: ## Say what can be made
 	@echo "make dataset [OBJECTS=path/to/objects.csv] [ONLY=id,id]"
@@ -61,6 +61,9 @@ metaworld: $(VENV)/.installed-test ## Do Meta-World's tasks with the objects of 
 	uv pip sync --quiet --python .venv-metaworld learning/metaworld/requirements.txt
 	objectfolder export --format mjcf --overwrite -o .objectfolder/assets
 	.venv-metaworld/bin/python -W ignore -m learning.metaworld .objectfolder/assets
+
+wheel: $(VENV)/.installed-test ## Build the wheel in dist/, with its kernels compiled: first queries compile none
+	python -m pipeline.publish.wheel
 
 examples: $(STAMP) ## Make the Object Files inside the package again
 	objectfolder starter

@@ -22,6 +22,7 @@ from cyclopts import CycloptsError
 
 import objectfolder
 from pipeline.cli import application
+from tests.browser import Watched
 from tests.cache_key import checkout_key
 
 pytest_plugins = ["tests.browser"]
@@ -188,16 +189,20 @@ def test_reference_has_the_queries_of_an_object_file(pages):
 
 
 @pytest.mark.release("objectfolder", "docs")
-def test_pages_of_the_reference_are_short(pages: dict[Path, ElementTree.Element], browser: Any):
-    page = browser.new_page(viewport={"width": 1280, "height": 800})
+def test_pages_of_the_reference_are_short(
+    pages: dict[Path, ElementTree.Element], open_page: Callable[..., Watched]
+):
+    page = open_page("about:blank", viewport={"width": 1280, "height": 800}).page
     for path in (path for path in pages if path.parent.name == "api"):
         page.goto(path.as_uri())
         assert page.evaluate("document.documentElement.scrollHeight") <= 15000, path.name
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.release("docs"))])
-def test_pages_are_accessible(scheme: str, pages: dict[Path, ElementTree.Element], browser: Any):
-    page = browser.new_page(color_scheme=scheme, bypass_csp=True)
+def test_pages_are_accessible(
+    scheme: str, pages: dict[Path, ElementTree.Element], open_page: Callable[..., Watched]
+):
+    page = open_page("about:blank", color_scheme=scheme, bypass_csp=True).page
     tried = ("index.html", "ask.html", "api/audio.html")  # a picture and tables, code, a reference
     for path in (path for path in pages if path.as_posix().endswith(tried)):
         page.goto(path.as_uri())

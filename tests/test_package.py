@@ -20,6 +20,7 @@ import yaml
 import objectfolder
 from objectfolder.errors import QueryError
 from pipeline.cli import COMMANDS
+from pipeline.publish.wheel import build_wheel
 from tests.conftest import REPOSITORY
 
 UV = (sys.executable, "-m", "uv")
@@ -214,6 +215,42 @@ def test_a_wheel_has_every_file_and_its_commands_find_their_tables(installed: Pa
     assert "Known sizes are default" in done.stderr
     assert re.search("unknown material 'none'. Known are .*steel", done.stderr)
     assert "from pipeline.cli import main" in (installed / "bin" / "objectfolder").read_text()
+
+
+# Kernels of one sound, then how many of them a process compiled.
+STRIKE = """
+import objectfolder
+mug = objectfolder.example("mug")
+points, normals = mug.sample_contacts(1, seed=0, reachable=False)
+sound = mug.strike(points, -normals, duration_s=0.1)
+assert abs(sound).max() > 0
+"""
+MISSES = """
+import sys
+from numba.core.dispatcher import Dispatcher
+kernels = {id(value): value for module in list(sys.modules.values()) for value in vars(module).values()
+           if isinstance(value, Dispatcher) and module.__name__.startswith("objectfolder.")}
+hits, misses = (sum(sum(getattr(kernel.stats, name).values()) for kernel in kernels.values())
+                for name in ("cache_hits", "cache_misses"))
+print(objectfolder.__file__, hits > 0, misses)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.release("objectfolder.jit", "objectfolder.audio.synthesis", "pipeline.publish")
+def test_a_wheel_with_kernels_compiles_none_elsewhere(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    shutil.unpack_archive(build_wheel(tmp_path, STRIKE), site, "zip")
+    answer = subprocess.run(
+        [sys.executable, "-c", STRIKE + MISSES],
+        cwd=site,
+        env={"PYTHONPATH": str(site), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert answer.stdout.split() == [str(site / "objectfolder" / "__init__.py"), "True", "0"]
+    assert "compiling kernels" not in answer.stderr
 
 
 def test_examples_are_small_and_say_how_faithful_they_are() -> None:

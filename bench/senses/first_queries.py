@@ -1,9 +1,10 @@
 """What the first query of each sense costs in a fresh installation: kernels are compiled once for all.
 
-    OMP_NUM_THREADS=1 python -m bench.senses.first_queries
+    make wheel && OMP_NUM_THREADS=1 python -m bench.senses.first_queries --wheel dist/*.whl
 
 Each query runs in a process of its own with an empty cache of kernels, and once more in another process with
-the kernels that the first has left there. The package's mug is asked; numba's own import is counted.
+the kernels that the first has left there. Then the wheel is unpacked, and a process asks it. The package's
+mug is asked; numba's own import is counted.
 """
 
 import json
@@ -11,7 +12,9 @@ import os
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 from bench.record import arguments, conclude
 
@@ -51,9 +54,23 @@ def asked(query: str, cache: str) -> list[float]:
     return numbers
 
 
-def measured(query: str, rounds: int) -> dict[str, Any]:
+def asked_of_wheel(query: str, wheel: Path) -> list[float]:
+    """What `asked` returns, of the wheel as it is unpacked."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    with tempfile.TemporaryDirectory() as site:
+        with ZipFile(wheel) as archive:
+            archive.extractall(site)
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, query], check=True, capture_output=True, text=True, cwd=site,
+            env={**environment, "PYTHONPATH": site},
+        )  # fmt: skip
+    numbers: list[float] = json.loads(done.stdout)
+    return numbers
+
+
+def measured(query: str, rounds: int, wheel: Path) -> dict[str, Any]:
     """Least CPU seconds of some fresh installations."""
-    fresh, known = [], []
+    fresh, known, of_wheel = [], [], [asked_of_wheel(query, wheel) for _ in range(rounds)]
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as cache:
             fresh.append(asked(query, cache))
@@ -64,6 +81,9 @@ def measured(query: str, rounds: int) -> dict[str, Any]:
         "new_process_cpu_s": min(first for first, _, _ in known),
         "next_query_cpu_s": min(second for _, second, _ in fresh + known),
         "kernels_compiled": fresh[0][2],
+        "fresh_wheel_cpu_s": min(first for first, _, _ in of_wheel),
+        "all_fresh_wheels_cpu_s": [first for first, _, _ in of_wheel],
+        "kernels_compiled_of_wheel": of_wheel[0][2],
     }
 
 
@@ -71,8 +91,10 @@ def main() -> None:
     """Measure and record."""
     parser = arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=3)
-    rounds = parser.parse_args().rounds
-    figures = {sense: measured(query, rounds) for sense, query in QUERIES.items()}
+    parser.add_argument("--wheel", type=Path, required=True, help="that of `make wheel`")
+    chosen = parser.parse_args()
+    rounds, wheel = chosen.rounds, chosen.wheel.resolve()
+    figures = {sense: measured(query, rounds, wheel) for sense, query in QUERIES.items()}
     conclude("first_queries", figures, {"rounds": rounds, "queries": QUERIES}, COMPARED)
 
 
