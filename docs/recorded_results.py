@@ -13,6 +13,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[1]
 MARK = "<!-- recorded results -->"
 PACKAGES = ("objectfolder", "pipeline", "learning")
+FOLLOWED = ("bench", "learning", "tests")
 STALE = 100  # later commits to the code that was measured
 PARTS = ("senses", "factory", "rivals", "rivals/touch")
 # Results of a folder of modules.
@@ -65,8 +66,8 @@ def row(path: Path, history: list[Commit]) -> str:
 def imported_rooms(name: str) -> list[str]:
     """Return the rooms of the product, as `objectfolder/vision/`, that the module of a result imports.
 
-    Modules of `bench` and `learning` are followed. What imports a whole package, or starts programs, may
-    use all of it.
+    Modules of `bench`, `learning` and `tests` are followed. What imports a whole package, or starts programs,
+    may use all of it.
     """
     place = MODULES.get(name)
     own = ROOT.glob(f"{place}/*.py") if place else (ROOT / f"bench/{part}/{name}.py" for part in PARTS)
@@ -78,7 +79,7 @@ def imported_rooms(name: str) -> list[str]:
         seen.add(module)
         for imported in imports(module):
             package, *rest = imported.split(".")
-            if package in ("bench", "learning"):
+            if package in FOLLOWED:
                 open_modules += [path for path in modules_of(imported) if path.name != "record.py"]
             if package == "subprocess":
                 rooms |= {"objectfolder/", "pipeline/"}
@@ -97,7 +98,7 @@ def imports(module: Path) -> set[str]:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            if node.module in PACKAGES or node.module.startswith(("bench", "learning")):
+            if node.module in PACKAGES or node.module.startswith(FOLLOWED):
                 names |= {f"{node.module}.{alias.name}" for alias in node.names}
             if node.module not in PACKAGES:
                 names.add(node.module)

@@ -58,7 +58,7 @@ INTRODUCTION = """\
 The product against measurements of real things. Each line says what was fitted to the thing, and which part
 of its measurement was held out, of which the figures are. Aims were set before; a line without one informs.
 `make reality` computes the page from a folder of measurements, which are not part of the repository; the
-sources name who published them.
+sources name who published them. The figures are those of `bench/results/reality.json`.
 """
 COLUMNS = (
     "thing", "quantity", "product against measurement", "aim", "measurement against itself", "fitted",

@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 from bench.record import REPOSITORY, conclude, cpu_seconds, kept
-from bench.references.bodies import BODIES
-from bench.references.exterior import radiated
-from bench.references.free_modes import FreeModes
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
 from objectfolder.audio.air.radiation import Radiation, radiate
@@ -32,6 +29,9 @@ from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.surface.surface import Surface
 from pipeline.intake.starter.write import write_starter_set
+from tests.references.bodies import BODIES
+from tests.references.exterior import radiated
+from tests.references.free_modes import FreeModes
 
 Floats = NDArray[np.float64]
 COMPARED = (

@@ -8,7 +8,7 @@ measured again. Every way starts from the same triangle surface:
 - on the bowl also ours at other accuracies, the papers' cubes, and CalculiX, NGSolve and LOBPCG (as
   NeuralSound uses it) on the same tetrahedra. A program that is not installed is left out, and named.
 
-The reference of a body of revolution is an axisymmetric solution of the true body (`bench.references`), which
+The reference of a body of revolution is an axisymmetric solution of the true body (`tests.references`), which
 shares no code with the solver; that of a scan is our own finest answer, so what all meshes of the scan have
 in common stays hidden. Errors are of undamped frequencies below 20 kHz, matched in ascending order. Seconds
 are CPU seconds of the whole way, meshing included.
@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from bench.record import Stopwatch, arguments, conclude, kept, save, subplots
-from bench.references.bodies import BODIES
 from bench.rivals.audio import calculix, lobpcg, ngsolve_solver
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, Outcome, compare
 from bench.rivals.audio.uniform import MAX_MODES, of_order
@@ -41,6 +40,7 @@ from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
+from tests.references.bodies import BODIES
 
 # Cents asked for on the bowl beside the default, and of the finest answer.
 ACCURACIES, FINEST_CENTS = (1.0, 2.0, 10.0, 20.0), 0.5

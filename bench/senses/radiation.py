@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.record import arguments, conclude, cpu_seconds, kept
-from bench.references.free_modes import FreeModes
 from bench.senses.air import starter_set
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
 from objectfolder.audio.air.radiation import radiate
@@ -21,6 +20,7 @@ from objectfolder.audio.air.radiation_loss import dampings_of, radiation_damping
 from objectfolder.audio.damping import damping_of
 from objectfolder.audio.synthesis.air import quadrupole_efficiency
 from objectfolder.surface.surface import Surface
+from tests.references.free_modes import FreeModes
 
 Floats = NDArray[np.float64]
 COMPARED = (

@@ -3,7 +3,7 @@
     python -m bench.senses.stated_errors --folder FOLDER [--only NAME ...]
 
 Bodies of revolution and cuboids, as triangles, solved at the default settings. A mode's stated error is its
-estimate plus that of the geometry; its true one is against an independent reference (`bench.references`),
+estimate plus that of the geometry; its true one is against an independent reference (`tests.references`),
 modes matched in ascending order. Rows are kept in FOLDER and not measured again, so that a run that was cut
 off goes on. The numbers of the statement were chosen on `FITTED`.
 """
@@ -16,16 +16,16 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from bench.record import arguments, conclude, cpu_seconds, kept
-from bench.references import bodies, held_out, thin_walls
-from bench.references.cuboid import cuboid
-from bench.references.held_out import CUBOIDS
-from bench.references.spectrum import wavenumber_limit
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, compare
 from bench.rivals.audio.uniform import MAX_MODES
 from bench.senses.catalogue import MATERIALS
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.modes.modes import ACCURACY_CENTS, SPHERE, simulate_modes
 from objectfolder.surface.surface import Surface
+from tests.references import bodies, held_out, thin_walls
+from tests.references.cuboid import cuboid
+from tests.references.held_out import CUBOIDS
+from tests.references.spectrum import wavenumber_limit
 
 COMPARED = (
     "stated errors (estimate of the mode plus that of the geometry) with true ones, cents, of undamped "

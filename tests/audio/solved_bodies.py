@@ -10,16 +10,16 @@ import trimesh
 from structured_solids import box
 from structured_solids import material as ceramic
 
-from bench.references.bodies import Body, constant
-from bench.references.cuboid import cuboid
-from bench.references.meridian import Path as Meridian
-from bench.references.meridian import Wall
 from objectfolder.audio.damping import LOSS_FACTOR
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
 from objectfolder.products.store import Product
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
+from tests.references.bodies import Body, constant
+from tests.references.cuboid import cuboid
+from tests.references.meridian import Path as Meridian
+from tests.references.meridian import Wall
 
 BAR_M = (0.25, 0.02, 0.01)
 LIMIT_HZ = 8000.0

@@ -11,12 +11,12 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from solved_bodies import BAR_HZ, CUP_HZ, LIMIT_HZ, bar_surface, bar_truth, material, small_cup, solve
 
-from bench.references.bodies import Body, constant
-from bench.references.meridian import Path as Meridian
-from bench.references.meridian import Wall
 from objectfolder.audio.modes.product_arrays import WORST_OF_STATED
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
+from tests.references.bodies import Body, constant
+from tests.references.meridian import Path as Meridian
+from tests.references.meridian import Wall
 
 Solved = Callable[[str], Product]
 RELEASE_HZ = 20000.0

@@ -8,11 +8,11 @@ import pytest
 from solved_bodies import modes_of
 from structured_solids import ball, box, material
 
-from bench.references.sphere import sphere
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
 from objectfolder.products.store import Product
 from objectfolder.solid.solid import Solid, clean
+from tests.references.sphere import sphere
 
 DEFAULT = {"accuracy_cents": 5.0, "highest_order": 4}
 FINEST = {"accuracy_cents": 0.1, "highest_order": 5}

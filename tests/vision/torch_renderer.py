@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 import torch
 
-from bench.references.pixel_integration import integrate_pixels
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.network_layout import has_mirrors
 from objectfolder.vision.network.reflectance import (
@@ -17,6 +16,7 @@ from objectfolder.vision.network.reflectance import (
     surrounding_inputs,
 )
 from objectfolder.vision.network.sparse_grid import SparseGrid
+from tests.references.pixel_integration import integrate_pixels
 
 # Points lit at a time: what a render holds at once does not grow with its lights or its rays.
 POINTS = 1 << 14

@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from bench.references.pixel_integration import integrate_pixels
 from objectfolder.errors import InputError, QueryError
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.products.store import Product
@@ -19,6 +18,7 @@ from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.cameras import image_size
 from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.network.incidence import UnitSurface
+from tests.references.pixel_integration import integrate_pixels
 
 Shading = Literal["unlit", "lambert", "shadowed lambert"]
 SHADINGS: tuple[Shading, ...] = ("unlit", "lambert", "shadowed lambert")

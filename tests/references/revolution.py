@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.references.meridian import Meridian
 from objectfolder.surface.surface import Surface
+from tests.references.meridian import Meridian
 
 Integers = NDArray[np.int64]
 LEAST_SEGMENTS = 6

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bench.references.axisymmetric import body_of_revolution
-from bench.references.meridian import Block, Meridian, half_disc
-from bench.references.sphere import radial_ritz, sphere, torsional_traction
+from tests.references.axisymmetric import body_of_revolution
+from tests.references.meridian import Block, Meridian, half_disc
+from tests.references.sphere import radial_ritz, sphere, torsional_traction
 
-pytestmark = pytest.mark.release("bench.references")
+pytestmark = pytest.mark.release("tests.references")
 
 
 def solid_sphere() -> Meridian:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.references.axisymmetric import FINER, body_of_revolution
-from bench.references.meridian import Meridian, Path, Wall
-from bench.references.revolution import surface_of_revolution
-from bench.references.spectrum import ReferenceSpectrum, wavenumber_limit
 from objectfolder.audio.materials import Material
 from objectfolder.surface.surface import Surface
+from tests.references.axisymmetric import FINER, body_of_revolution
+from tests.references.meridian import Meridian, Path, Wall
+from tests.references.revolution import surface_of_revolution
+from tests.references.spectrum import ReferenceSpectrum, wavenumber_limit
 
 Floats = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, eigh, solve_triangular
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from bench.references.spectrum import ReferenceSpectrum
 from objectfolder.errors import SimulationError
+from tests.references.spectrum import ReferenceSpectrum
 
 Floats = NDArray[np.float64]
 Lengths = tuple[float, float, float]

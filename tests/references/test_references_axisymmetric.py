@@ -7,12 +7,12 @@ import pytest
 from numpy.polynomial import legendre
 from scipy.linalg import eigh
 
-from bench.references import axisymmetric
-from bench.references.axisymmetric import Discretisation, body_of_revolution
-from bench.references.bodies import BODIES, constant
-from bench.references.meridian import Meridian, Path, Wall
+from tests.references import axisymmetric
+from tests.references.axisymmetric import Discretisation, body_of_revolution
+from tests.references.bodies import BODIES, constant
+from tests.references.meridian import Meridian, Path, Wall
 
-pytestmark = pytest.mark.release("bench.references")
+pytestmark = pytest.mark.release("tests.references")
 
 RADIUS, HEIGHT = 1.0, 1.3
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.references.axisymmetric import Discretisation
-from bench.references.bodies import BODIES
-from bench.references.revolution import surface_of_revolution
 from objectfolder.audio.materials import read_materials
+from tests.references.axisymmetric import Discretisation
+from tests.references.bodies import BODIES
+from tests.references.revolution import surface_of_revolution
 
-pytestmark = pytest.mark.release("bench.references")
-MATERIALS = read_materials(Path(__file__).parents[3] / "data" / "materials.csv")
+pytestmark = pytest.mark.release("tests.references")
+MATERIALS = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -23,7 +23,7 @@ def test_surfaces_are_closed_outward_and_tend_to_the_volume(
     exact = Discretisation.of(meridian, (8, 6)).volume()
     errors = []
     for edge, turn in ((0.006, 0.5), (0.003, 0.25)):
-        monkeypatch.setattr("bench.references.meridian.TURN", turn)
+        monkeypatch.setattr("tests.references.meridian.TURN", turn)
         surface = surface_of_revolution(meridian, edge, segments and int(segments * 0.006 / edge))
         faces = surface.faces
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
-from bench.references.cuboid import EdgeFunctions, class_stiffness, cuboid, lame_wavenumbers
 from tests.drawn_examples import few_examples
+from tests.references.cuboid import EdgeFunctions, class_stiffness, cuboid, lame_wavenumbers
 
-pytestmark = pytest.mark.release("bench.references")
+pytestmark = pytest.mark.release("tests.references")
 
 
 def test_the_published_cube() -> None:

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.references.bodies import Body, constant, fading
-from bench.references.meridian import Path, Wall
+from tests.references.bodies import Body, constant, fading
+from tests.references.meridian import Path, Wall
 
 RIM = 0.010, 0.004  # distances from the rim at which elements end
 

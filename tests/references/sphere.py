@@ -13,8 +13,8 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.special import spherical_jn
 
-from bench.references.spectrum import ReferenceSpectrum
 from objectfolder.errors import SimulationError
+from tests.references.spectrum import ReferenceSpectrum
 
 Floats = NDArray[np.float64]
 RITZ_TERMS = 24

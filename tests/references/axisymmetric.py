@@ -22,9 +22,9 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh, splu
 
-from bench.references.meridian import Meridian
-from bench.references.spectrum import ReferenceSpectrum
 from objectfolder.errors import SimulationError
+from tests.references.meridian import Meridian
+from tests.references.spectrum import ReferenceSpectrum
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
