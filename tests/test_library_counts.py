@@ -16,7 +16,7 @@ MOST_PARAMETERS = 8
 LONG_SIGNATURES = 20
 # Modules that one other module imports, no package hands on, and no program beside the library imports.
 ONE_IMPORTER = 38
-PROGRAMS = ("pipeline", "bench", "learning")
+PROGRAMS = ("pipeline", "bench", "learning", "tests/references")  # benches run the references
 
 
 @pytest.fixture(scope="module")
