@@ -3,6 +3,7 @@
 import inspect
 import shutil
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,11 @@ def public() -> dict[str, Callable[..., Any]]:
     for path, module in list(named.items()):
         named |= {f"{path}.{name}": getattr(module, name) for name in getattr(module, "__all__", ())}
     methods = inspect.getmembers(ObjectFile, inspect.isroutine)
-    named |= {f"ObjectFile.{name}": method for name, method in methods if not name.startswith("_")}
+    named |= {
+        f"ObjectFile.{name}": method
+        for name, method in methods
+        if not name.startswith("_") and not isinstance(method, cached_property)
+    }
     return {
         path: one
         for path, one in named.items()

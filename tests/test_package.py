@@ -237,7 +237,7 @@ print(objectfolder.__file__, hits > 0, misses)
 
 
 @pytest.mark.slow
-@pytest.mark.release("objectfolder.jit", "objectfolder.audio.synthesis", "pipeline.publish")
+@pytest.mark.release("objectfolder.audio.synthesis", "pipeline.publish")
 def test_a_wheel_with_kernels_compiles_none_elsewhere(tmp_path: Path) -> None:
     site = tmp_path / "site"
     shutil.unpack_archive(build_wheel(tmp_path, STRIKE), site, "zip")

@@ -67,8 +67,8 @@ class Summary:
 
     def exit_code(self, allow_failures: bool) -> int:
         """Return 0 if later stages may run: no failure, or failures allowed and at least one object made."""
-        numbers = self.kept or self.restored or self.computed
-        return 0 if not self.failures or (allow_failures and numbers) else 1
+        products = self.kept or self.restored or self.computed
+        return 0 if not self.failures or (allow_failures and products) else 1
 
 
 def converge(

@@ -26,16 +26,18 @@ def end_with_variable(name: str, value: str) -> None:
     """
     import psutil
 
-    is_unfinished = True
-    while is_unfinished:
-        is_unfinished = False
+    unfinished = True
+    while unfinished:
+        unfinished = False
+        # psutil keeps processes by number, and refuses to end one that has taken the number of another.
+        psutil.process_iter.cache_clear()
         for process in psutil.process_iter(["environ"]):
             environment = process.info["environ"] or {}  # of another user's process, nothing is known
             if environment.get(name) == value and process.pid != os.getpid():
                 with contextlib.suppress(psutil.Error):
                     process.kill()
                     process.wait(1.0)
-                    is_unfinished = True
+                    unfinished = True
 
 
 def _children(pid: int) -> Iterator[int]:

@@ -16,7 +16,7 @@ from objectfolder.products.provenance import code_identity
 from pipeline.dataset.task import Call, Request
 from pipeline.sandbox import host_memory, isolation, scratch
 from pipeline.sandbox.isolation import Child, ChildSettings, Interrupted, ProcessKilled
-from pipeline.sandbox.process_tree import descendants
+from pipeline.sandbox.process_tree import descendants, end_with_variable
 from tests.patience import wait_until
 
 POISON = {
@@ -144,6 +144,16 @@ def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monk
     assert alive(int(done.stdout))
     Child(toys.root, ChildSettings()).__exit__(None, None, None)
     wait_until(lambda: not alive(int(done.stdout)), "it is gone")
+
+
+def test_a_process_ends_that_took_the_number_of_another(tmp_path):
+    with subprocess.Popen(["sleep", "300"], env={**os.environ, "TMPDIR": str(tmp_path)}) as process:
+        (known,) = (each for each in psutil.process_iter() if each.pid == process.pid)
+        known._ident = (process.pid, 0.0)  # as psutil has it of one that ended
+        end_with_variable("TMPDIR", str(tmp_path))
+        was_alive = alive(process.pid)
+        process.kill()
+    assert not was_alive
 
 
 def test_a_child_killed_while_idle_is_no_ones_loss(toys):
