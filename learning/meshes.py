@@ -101,11 +101,11 @@ class Meshes:
         InputError
             Fewer than `FEWEST`.
         """
-        others = copy(self)
-        others.files = {name: file for name, file in self.files.items() if name not in names}
-        others.digests = {name: self.digests[name] for name in others.files}
-        others.ids = others._enough("meshes that can be touched")
-        return others
+        subset = copy(self)
+        subset.files = {name: file for name, file in self.files.items() if name not in names}
+        subset.digests = {name: self.digests[name] for name in subset.files}
+        subset.ids = subset._enough("meshes that can be touched")
+        return subset
 
     def _enough(self, counted: str) -> tuple[str, ...]:
         if len(self.files) < FEWEST:

@@ -29,6 +29,6 @@ def cache_key(modules: Iterable[str], files: Iterable[Path], packages: Iterable[
 def checkout_key() -> dict[str, str]:
     """Return digests of all files of the checkout that git does not ignore; its locks name the packages."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--deduplicate", "-z"]
-    listed = subprocess.run(command, cwd=REPOSITORY, capture_output=True, check=True, text=True).stdout
-    files = {name: REPOSITORY / name for name in listed.split("\0") if name}
+    listing = subprocess.run(command, cwd=REPOSITORY, capture_output=True, check=True, text=True).stdout
+    files = {name: REPOSITORY / name for name in listing.split("\0") if name}
     return {name: file_digest(path) for name, path in files.items() if path.is_file()}

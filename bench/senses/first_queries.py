@@ -92,8 +92,8 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--wheel", type=Path, required=True, help="that of `make wheel`")
-    chosen = parser.parse_args()
-    rounds, wheel = chosen.rounds, chosen.wheel.resolve()
+    options = parser.parse_args()
+    rounds, wheel = options.rounds, options.wheel.resolve()
     figures = {sense: measured(query, rounds, wheel) for sense, query in QUERIES.items()}
     conclude("first_queries", figures, {"rounds": rounds, "queries": QUERIES}, COMPARED)
 

@@ -50,9 +50,9 @@ def measured(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
         np.save(
             path, with_cast_coverage(scene, images, shots.camera_to_world, shots.seeds, FIELD_OF_VIEW_DEG)
         )
-    each = np.load(path).reshape(2, VIEWS, RESOLUTION, RESOLUTION, 4)
-    colour = np.einsum("lnyxc,lc->nyxc", each[..., :3], COLOURS)
-    truth = np.concatenate([colour, each[..., 3:].mean(axis=0)], axis=-1).astype(np.float32)
+    lamp_images = np.load(path).reshape(2, VIEWS, RESOLUTION, RESOLUTION, 4)
+    colour = np.einsum("lnyxc,lc->nyxc", lamp_images[..., :3], COLOURS)
+    truth = np.concatenate([colour, lamp_images[..., 3:].mean(axis=0)], axis=-1).astype(np.float32)
     maps = sample_maps(stored_mesh(at.mesh, at.surface), at.frame, appearance, "known")
     net = VisionNet(
         at.surface, at.frame, None, {}, radiance_scale=LIGHT_POWER_W / (4 * np.pi**2),
@@ -73,11 +73,11 @@ def main() -> None:
     """Measure the objects asked for."""
     parser = scan_arguments(__doc__, "truth, files and rows")
     parser.add_argument("--only", nargs="+", metavar="ID", help="all of the table by default")
-    given = parser.parse_args()
-    scans, at = Scans(given.objects), given.folder / "rows" / "two_lamps"
+    options = parser.parse_args()
+    scans, at = Scans(options.objects), options.folder / "rows" / "two_lamps"
     rows = {
-        name: kept(at / f"{name}.json", partial(measured, scans, name, given.folder))
-        for name in given.only or scans.ids
+        name: kept(at / f"{name}.json", partial(measured, scans, name, options.folder))
+        for name in options.only or scans.ids
     }
     foreground = [row["foreground_db"] for row in rows.values()]
     summary = {"foreground_db": {"mean": float(np.mean(foreground)), "worst": min(foreground)}}

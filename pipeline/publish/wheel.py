@@ -51,12 +51,12 @@ def build_wheel(folder: Path, queries: str = QUERIES) -> Path:
     wheel
         Its path.
     """
-    listed = subprocess.run(
+    listing = subprocess.run(
         ["git", "ls-files", "-z", *CONTENT], cwd=REPOSITORY, capture_output=True, check=True, text=True
     ).stdout
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary, "source")
-        for name in listed.rstrip("\0").split("\0"):
+        for name in listing.rstrip("\0").split("\0"):
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(REPOSITORY / name, source / name, follow_symlinks=False)
         environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}

@@ -87,10 +87,10 @@ def clean_data_set(root: Path, *, remove: bool = False) -> CleanSummary:
 
 def removable(root: Path) -> list[FilesOfKind]:
     """Return what may be removed, by kind; a kind may have no paths."""
-    current = _protected(root)
+    is_protected = _protected(root)
 
     def entry(kind: str, why: str, paths: Iterable[Path]) -> FilesOfKind:
-        free = [path for path in sorted(paths) if not current(path)]
+        free = [path for path in sorted(paths) if not is_protected(path)]
         names = (str(path.relative_to(root) if path.is_relative_to(root) else path) for path in free)
         return FilesOfKind(kind=kind, why=why, bytes=sum(map(_size, free)), paths=tuple(names))
 

@@ -194,11 +194,11 @@ def _tidy(stage: Stage, root: Path, ids: Collection[str]) -> tuple[str, ...]:
         (root / kind.folder).mkdir(parents=True, exist_ok=True)
     _sweep([stage], root)
     present = {object_id for kind in stage.products for object_id in kind.object_ids(root)}
-    strangers = sorted(present - set(ids))
-    for object_id in strangers:
+    extra_ids = sorted(present - set(ids))
+    for object_id in extra_ids:
         for path in stage.targets(root, object_id):
             path.unlink(missing_ok=True)
-    return tuple(strangers)
+    return tuple(extra_ids)
 
 
 def _summary(stage: str, flow: "Flow", removed: tuple[str, ...], refused: Sequence[FailedObject]) -> Summary:
@@ -245,7 +245,7 @@ class Flow:
     def begin(self) -> list[Job]:
         """Settle what needs no work, and return the jobs whose inputs are there."""
         for object_id in self._rows:
-            self._advance(object_id)  # settles what is there, and delays what is not
+            self._advance(object_id)  # settles current products, and delays the others
         pending, self._delayed = self._delayed or {}, None
         with ThreadPoolExecutor(LOOKUPS, thread_name_prefix="look-up") as pool:
             return [job for jobs in pool.map(self._advance, pending) for job in jobs]

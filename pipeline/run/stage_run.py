@@ -98,11 +98,11 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
         changes = set_changed_aside(root, entries, summaries, states)
         cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), states))
         states.save()
-    if strangers := sorted({name for summary in summaries for name in summary.removed} - records.listed):
-        more = f" and {len(strangers) - NAMED} more" if len(strangers) > NAMED else ""
+    if extra_ids := sorted({name for summary in summaries for name in summary.removed} - records.listed):
+        more = f" and {len(extra_ids) - NAMED} more" if len(extra_ids) > NAMED else ""
         table = parameters.objects.table
         notes.append(
-            f"products removed of objects that {table} does not list: {', '.join(strangers[:NAMED])}{more}"
+            f"products removed of objects that {table} does not list: {', '.join(extra_ids[:NAMED])}{more}"
         )
     exit_code = max(summary.exit_code(parameters.allow_failures) for summary in summaries)
     if changes:

@@ -289,7 +289,7 @@ def flipped(file: ObjectFile) -> ObjectFile:
     signs = (-1.0) ** np.arange(len(file.modes.eigenvalues))
     modes = copy.copy(file.modes)
     # Of this copy alone; `gains` asks it.
-    modes.gains_at = lambda places: gains_at(places) * signs  # type: ignore[method-assign]
+    vars(modes)["gains_at"] = lambda places: gains_at(places) * signs
     other.sound = SoundQueries(modes, file.sound.contacts, file.description)
     return other
 

@@ -148,8 +148,8 @@ def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monk
 
 def test_a_process_ends_that_took_the_number_of_another(tmp_path):
     with subprocess.Popen(["sleep", "300"], env={**os.environ, "TMPDIR": str(tmp_path)}) as process:
-        (known,) = (each for each in psutil.process_iter() if each.pid == process.pid)
-        known._ident = (process.pid, 0.0)  # as psutil has it of one that ended
+        (listing,) = (item for item in psutil.process_iter() if item.pid == process.pid)
+        listing._ident = (process.pid, 0.0)  # as psutil has it of one that ended
         end_with_variable("TMPDIR", str(tmp_path))
         was_alive = alive(process.pid)
         process.kill()

@@ -1,7 +1,7 @@
 """A bank of resonators: the state of every mode, and the step that takes all of them on.
 
 Free motion is the two coefficients of `Oscillators.basis` a mode. Sixty-four samples at a time are read off
-them, then the coefficients move on by the exact matrix of so many samples. Under a force that is linear over
+them, then the coefficients move on by the exact matrix of 64 samples. Under a force that is linear over
 each sample they move by one sample, and gain what the force does in it, in closed form. State that is kept is
 a stream; a sound is a stream of one block. A mode is dropped when its lifetime has passed, long before its
 numbers could become denormal.
