@@ -1,7 +1,7 @@
-"""Timed comparisons: ``python -m bench.senses.NAME`` or ``python -m bench.factory.NAME``.
+"""Timed comparisons: ``python -m bench NAME``, or without a name a list of them.
 
-Each writes ``bench/results/NAME.json`` and ``NAME.png``. All that is compared runs on one thread, unless the
-environment says otherwise.
+Each writes ``bench/results/NAME.json`` and, where a page shows one, ``NAME.png``. All that is compared runs
+on one thread, unless the environment says otherwise.
 """
 
 import os

@@ -11,8 +11,9 @@ import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 REPOSITORY = Path(__file__).parents[1]
 RESULTS = REPOSITORY / "bench" / "results"
 PACKAGES = ("numpy", "scipy", "torch")
+FOLDERS = ("factory", "senses")  # of benches
 
 
 def conclude(
@@ -48,6 +50,18 @@ def stored(name: str) -> dict[str, Any]:
     return content
 
 
+def benches() -> dict[str, Path]:
+    """Return the modules that ``python -m bench`` runs, by name."""
+    paths = (path for folder in FOLDERS for path in (REPOSITORY / "bench" / folder).glob("*.py"))
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(paths)}
+    # What has a guard is a process of a bench.
+    return {
+        path.stem: path
+        for path, text in texts.items()
+        if "\ndef main() -> None:" in text and '__name__ == "__main__"' not in text
+    }
+
+
 def pictures() -> list[str]:
     """Return the comparisons that have a picture."""
     return sorted(path.stem for path in RESULTS.glob("*.png"))
@@ -55,8 +69,7 @@ def pictures() -> list[str]:
 
 def redraw(name: str) -> None:
     """Draw the stored figures of a comparison by the function `draw` of its module."""
-    folders = ("senses", "factory", "rivals")
-    folder = next(one for one in folders if (REPOSITORY / "bench" / one / f"{name}.py").exists())
+    folder = benches()[name].parent.name
     import_module(f"bench.{folder}.{name}").draw(stored(name)["figures"])
 
 
@@ -113,10 +126,24 @@ def write(
     return path
 
 
-def arguments(description: str | None) -> argparse.ArgumentParser:
-    """Return a parser whose help keeps the lines of `description`, the module's docstring or a phrase."""
-    kept = argparse.RawDescriptionHelpFormatter
-    return argparse.ArgumentParser(description=description, formatter_class=kept)
+def arguments(
+    description: str | None, *, keeps: str | None = None, only: Sequence[str] | None = None
+) -> argparse.ArgumentParser:
+    """Return a parser whose help keeps the lines of `description`, the module's docstring or a phrase.
+
+    With `keeps` it has the option ``--folder``, in which what `keeps` says lies. With `only` it has
+    ``--only``, which chooses among these names; among all that there are where `only` is empty.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    if keeps is not None:
+        parser.add_argument("--folder", type=Path, required=True, help=f"where {keeps} are kept")
+    if only is not None:
+        parser.add_argument(
+            "--only", nargs="+", metavar="ID", default=only, choices=only or None, help="cases to measure"
+        )
+    return parser
 
 
 def subplots(rows: int = 1, columns: int = 1, **settings: Any) -> tuple["Figure", Any]:
@@ -149,6 +176,28 @@ def kept(path: Path, measure: Callable[[], Mapping[str, Any]]) -> dict[str, Any]
     return found
 
 
+def rows_of(
+    names: Iterable[str], measure: Callable[[str], Mapping[str, Any]], folder: Path
+) -> dict[str, dict[str, Any]]:
+    """Return the row of each case by name, measured or kept in a folder, and print its numbers."""
+    rows = {}
+    for name in names:
+        rows[name] = kept(folder / f"{name}.json", partial(measure, name))
+        numbers = {key: value for key, value in rows[name].items() if isinstance(value, int | float)}
+        print(name, " ".join(f"{key} {value:.4g}" for key, value in numbers.items()), flush=True)
+    return rows
+
+
+def spread(
+    rows: Iterable[Mapping[str, Any]], key: str, worst: Callable[..., float] = min
+) -> dict[str, float]:
+    """Return mean, median and worst of a number over the rows that have it; nothing where none has."""
+    values = [row[key] for row in rows if row.get(key) is not None]
+    if not values:
+        return {}
+    return {"mean": float(np.mean(values)), "median": float(np.median(values)), "worst": float(worst(values))}
+
+
 def cpu_seconds() -> float:
     """CPU seconds of this process and of the child processes that have ended."""
     times = os.times()
@@ -178,6 +227,7 @@ def versions() -> dict[str, Any]:
         except PackageNotFoundError:
             found[package] = None
     found["processor"] = _processor()
+    found["threads"] = os.environ.get("OMP_NUM_THREADS", "all")
     found["commit"] = _git("rev-parse", "HEAD")
     status = _git(
         "status", "--porcelain", "--untracked-files=no", "--", "objectfolder", "pipeline", "bench/*.py"

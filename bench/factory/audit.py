@@ -1,6 +1,6 @@
 """CPU seconds of an audit of two versions of a thousand objects, its parts, and what reading the arrays adds.
 
-Run as ``python -m bench.factory.audit --products data``: the attributes and the lists of entries of a
+Run as ``python -m bench audit --products data``: the attributes and the lists of entries of a
 finished data set's products are taken as they are, so that each file has as many entries and says as much as
 a real one; chunks hold a few bytes each. Versions differ in 1, 100 and all objects. Cold is a process of its
 own without any cache of attributes; the files are in the system's cache of disks, as processor time is what
@@ -229,7 +229,3 @@ def main() -> None:
         " some objects changed; bar: 5"
     )
     conclude("audit", figures, settings, compared)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,7 @@
 """What a report of a thousand objects takes, and how its first page behaves in a browser.
 
 The data set is the objects of a finished one repeated under other ids (hard links; the fidelity products
-carry the new id), so every page is made, each with a player. ``python -m bench.factory.dashboard DATA_SET``
+carry the new id), so every page is made, each with a player. ``python -m bench dashboard DATA_SET``
 from the root.
 """
 
@@ -157,7 +157,3 @@ def bars(axes: Any, rows: dict[str, float], target: float, label: str, form: str
     axes.set_xlim(0, 1.15 * max(target, *rows.values()))
     axes.set_xlabel(label)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-if __name__ == "__main__":
-    main()

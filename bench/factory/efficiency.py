@@ -1,6 +1,6 @@
 """Two workers against one on the same real tasks: all stages of the starter set, made small.
 
-Run as ``python -m bench.factory.efficiency`` on a machine with nothing else to do. Each round makes the same
+Run as ``python -m bench efficiency`` on a machine with nothing else to do. Each round makes the same
 data set twice from nothing, with one worker and with two, in turn; nothing is remembered in between.
 """
 
@@ -116,7 +116,3 @@ def main() -> None:
         "wall seconds with one worker over those with two, median of the rounds"
     )
     conclude("efficiency", figures, settings, compared)
-
-
-if __name__ == "__main__":
-    main()

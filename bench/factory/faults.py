@@ -1,6 +1,6 @@
 """Kills at random moments: whether a data set comes out as if nothing had happened, and what is done twice.
 
-Run as ``python -m bench.factory.faults``; it goes on where it was interrupted. Each round makes a data set
+Run as ``python -m bench faults``; it goes on where it was interrupted. Each round makes a data set
 of toys (three stages, four products an object, tasks of 50 to 200 ms; ``tests/pipeline/ground.py``) on two
 workers, kills workers, children of workers, the driver or the scheduler at random moments, and lets the run
 go on, or runs again, until all is made. A few rounds do so with the stages `objects` and `touches` of three
@@ -161,7 +161,3 @@ def main() -> None:
                 shutil.rmtree(base / folder)
     if not options.keep:
         shutil.rmtree(base)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """A large data set made end to end: fidelity of its objects, failures with reasons, what all of it cost.
 
-    python -m bench.factory.hundred ROOT
+    python -m bench hundred ROOT
 
 ROOT is a data set that was made and reported. Writes ``bench/results/hundred.json`` and ``.png``, and the
 report's table of objects beside them, ``hundred_per_object.csv``. Seconds are those of the runs that made it:
@@ -121,7 +121,3 @@ def stage_cost(root: Path, stage: str) -> dict[str, Any]:
         "peak_memory_bytes": max(cost.memory_bytes for cost in costs.values()),
         "product_bytes": sum(path.stat().st_size for path in paths if path.is_file()),
     }
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """The same tasks under other conditions and on another processor: which arrays differ, and by how much.
 
-Run as ``python -m bench.factory.machines --work FOLDER``. Each stage makes objects of the starter set in a
+Run as ``python -m bench machines --work FOLDER``. Each stage makes objects of the starter set in a
 process of its own, and again under each of `CONDITIONS`, on inputs that are the same. Another vendor's
 processor is emulated by QEMU (Debian's ``qemu-user``): CPUID answers as an Intel Haswell does, so every
 library takes the path it takes there, and approximate reciprocals are rounded otherwise than by this
@@ -295,7 +295,3 @@ def _processor() -> str:
     pairs = (line.partition(":") for line in first.splitlines())
     known = {name.strip(): value.strip() for name, _, value in pairs}
     return f"{known['vendor_id']}, family {known['cpu family']}, model {known['model']}"
-
-
-if __name__ == "__main__":
-    main()

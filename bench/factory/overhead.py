@@ -1,6 +1,6 @@
 """Overhead of the factory with a thousand objects: runs with nothing or one object to do, and the status.
 
-Run as ``python -m bench.factory.overhead``. The stages, their code and DVC are the real ones, the task bodies
+Run as ``python -m bench overhead``. The stages, their code and DVC are the real ones, the task bodies
 trivial (`bench.factory.overhead_repository`). The rival has a DVC stage for every object. CPU seconds include
 child processes; on a busy machine they grow, and so does the measure beside them, importing numpy.
 """
@@ -144,7 +144,3 @@ def main() -> None:
         "trivial tasks; the rival is one DVC stage per object, one product of six, carried on in proportion.",
     )
     print(json.dumps({key: figures[key] for key in ("median_cpu_s", "rival_extrapolated_cpu_s")}))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Samples a CPU-second of `ObjectFolderDataset`, of truth and of Object Files, on a data set at hand.
 
-``python -m bench.factory.samples ROOT`` takes batches of training samples on one core, as `DataLoader` gives
+``python -m bench samples ROOT`` takes batches of training samples on one core, as `DataLoader` gives
 them without workers: in random order over all objects, and by `ObjectBatches`. What opening costs, once an
 object, is measured by itself. Rounds in turn; medians. A sample of each batch is asked for alone, too, and
 must be the same.
@@ -89,7 +89,3 @@ def agree(samples: ObjectFolderDataset, batch: dict[str, Any]) -> None:
     index = next(i for i in range(*samples.ranges()[place]) if samples.place(i)[1] == int(batch["query"][0]))
     key = "sound" if samples.sense == "audio" else "image"
     assert torch.equal(samples[index][key], batch[key][0])
-
-
-if __name__ == "__main__":
-    main()

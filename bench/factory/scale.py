@@ -1,6 +1,6 @@
 """How well Dask orders the tasks of a hundred scans, and what a task costs beside its own work.
 
-    python -m bench.factory.scale [--tasks 10000] [--seconds 45]
+    python -m bench scale [--tasks 10000] [--seconds 45]
 
 The measured seconds and memory of a hundred scans (``known_costs.csv``) go through the real scheduler,
 workers and driver as tasks that sleep. All times are divided by one number, so that the lower bound takes
@@ -187,7 +187,3 @@ def cpu_s(process: psutil.Process) -> float:
     """Return the CPU seconds of a process so far."""
     times = process.cpu_times()
     return float(times.user + times.system)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Scans as assets of simulators: what loads, how well convex parts fit, and whether bodies rest.
 
-    python -m bench.factory.simulators --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
+    python -m bench simulators --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
 
 Engines that are not installed are left out, and named: `pip install pybullet drake sapien` for all. Assets
 and rows are kept in FOLDER and not made again, so that a run can be stopped and taken up.
@@ -216,7 +216,3 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
 def at_rest(rest: dict[str, float]) -> bool:
     return all(rest[name] <= limit for name, limit in RESTS.items())
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """How soon the pages of an object answer: images, blows, and what a static player costs.
 
-``python -m bench.factory.viewer FOLDER`` takes every Object File of a folder, by a headless Chromium.
+``python -m bench viewer FOLDER`` takes every Object File of a folder, by a headless Chromium.
 """
 
 import os
@@ -230,7 +230,3 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         name: {"median": float(np.median(v)), "worst": float(np.max(v))} for name, v in known.items() if v
     }
-
-
-if __name__ == "__main__":
-    main()

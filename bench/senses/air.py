@@ -1,6 +1,6 @@
 """Sound through the air against closed forms of a sphere and bempp-cl's of a bell.
 
-    python -m bench.senses.air --folder FOLDER
+    python -m bench air --folder FOLDER
 
 Pulsating, oscillating and with a piston of 30 degrees, a sphere has its field in closed form. The bell's
 surface moves with 0 to 4 waves round it, smoothly along its wall, at frequencies at which such modes ring,
@@ -251,7 +251,3 @@ def main() -> None:
     settings = {"sphere_radius_m": RADIUS_M, "distance_m": DISTANCE_M, "reference_edge_m": REFERENCE_EDGE_M}
     settings["reference_edges_of_pairs_m"] = [edge_m for _, edge_m in OWN]
     conclude("air", figures, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

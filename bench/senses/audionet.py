@@ -1,6 +1,6 @@
 """AudioNet on real objects: error at points it has not seen, bytes, cost of fitting and of queries.
 
-    python -m bench.senses.audionet --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
+    python -m bench audionet --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...]
 
 Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written there. Each object's row is kept
 beside them as ``id.json`` and not measured again: remove the rows when the code has changed.
@@ -164,7 +164,3 @@ def struck(modes: Product, gains: np.ndarray, rate_hz: float) -> np.ndarray:
         sample_rate_hz=rate_hz,
     )
     return np.asarray(sounds, dtype=np.float64)
-
-
-if __name__ == "__main__":
-    main()

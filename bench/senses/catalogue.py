@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from bench.record import REPOSITORY, arguments
@@ -91,11 +92,12 @@ class Scans:
         return read_product(path)
 
 
-def scan_arguments(description: str, folder: str) -> argparse.ArgumentParser:
-    """Return a parser with the options `--objects` and `--folder`; the latter keeps what `folder` says."""
-    parser = arguments(description)
+def scan_arguments(
+    description: str | None, keeps: str, only: Sequence[str] | None = None
+) -> argparse.ArgumentParser:
+    """Return a parser as of `arguments`, with the option `--objects` for a catalogue of scans."""
+    parser = arguments(description, keeps=keeps, only=only)
     parser.add_argument(
         "--objects", type=Path, default=FOLDER / "catalogue.csv", help="catalogue of meshes, CSV"
     )
-    parser.add_argument("--folder", type=Path, required=True, help=f"where {folder} are kept")
     return parser

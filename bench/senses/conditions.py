@@ -1,6 +1,6 @@
 """Object Files away from the views of their data set: finer images, other lamps, environments.
 
-    python -m bench.senses.conditions --folder FOLDER [--data FOLDER] [--only ID ...]
+    python -m bench conditions --folder FOLDER [--data FOLDER] [--only ID ...]
 
 The files of a finished data set are measured as its own report does where `vision.condition_views` asks.
 Truths and rows are kept in FOLDER and not made again.
@@ -81,7 +81,3 @@ def main() -> None:
         summary[key] = {"mean": float(np.mean(values)), "most": max(values)}
     settings = {"views": VIEWS, "samples": SAMPLES, "conditions": {k: vars(v) for k, v in CONDITIONS.items()}}
     conclude("conditions", {"summary": summary, "objects": rows}, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """What `objectfolder demo` costs: from a fresh process to its first image, while objects move, and at rest.
 
-    OMP_NUM_THREADS=1 python -m bench.senses.demo
+    OMP_NUM_THREADS=1 python -m bench demo
 
 CPU seconds of one core, for other processes may share it. Kernels are in numba's cache. The first image is
 the draft that the page asks for; the browser and its page run on another core meanwhile, and are not counted.
@@ -108,7 +108,7 @@ class Moving:
 
 
 def figures() -> dict[str, Any]:
-    command = [sys.executable, "-m", "bench.senses.demo", FIRST]
+    command = [sys.executable, "-m", "bench", "demo", FIRST]
     starts = [
         json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
         for _ in range(RUNS + 1)
@@ -157,7 +157,3 @@ def main() -> None:
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }
     conclude("demo", figures(), settings, COMPARED, draw)
-
-
-if __name__ == "__main__":
-    main()

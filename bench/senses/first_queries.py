@@ -1,6 +1,6 @@
 """What the first query of each sense costs in a fresh installation: kernels are compiled once for all.
 
-    make wheel && OMP_NUM_THREADS=1 python -m bench.senses.first_queries --wheel dist/*.whl
+    make wheel && OMP_NUM_THREADS=1 python -m bench first_queries --wheel dist/*.whl
 
 Each query runs in a process of its own with an empty cache of kernels, and once more in another process with
 the kernels that the first has left there. Then the wheel is unpacked, and a process asks it. The package's
@@ -96,7 +96,3 @@ def main() -> None:
     rounds, wheel = options.rounds, options.wheel.resolve()
     figures = {sense: measured(query, rounds, wheel) for sense, query in QUERIES.items()}
     conclude("first_queries", figures, {"rounds": rounds, "queries": QUERIES}, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

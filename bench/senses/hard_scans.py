@@ -1,6 +1,6 @@
 """VisionNet on ten hard scans at the defaults: thin wires, sharp spikes, many parts, iron that lights itself.
 
-    python -m bench.senses.hard_scans --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...] [--learned]
+    python -m bench hard_scans --folder FOLDER [--objects CATALOGUE.csv] [--only ID ...] [--learned]
 
 Their sight is computed from their material, or learned.
 
@@ -112,7 +112,3 @@ def main() -> None:
 def measured(scans: Scans, name: str, folder: Path, case: str) -> dict[str, Any]:
     """Return one object's row."""
     return Subject(scans, name, folder).answer(case)
-
-
-if __name__ == "__main__":
-    main()

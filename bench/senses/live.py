@@ -1,6 +1,6 @@
 """How much faster than real time objects are heard in a running simulation, on one core.
 
-    OMP_NUM_THREADS=1 python -m bench.senses.live
+    OMP_NUM_THREADS=1 python -m bench live
 
 A mug and a bell of the package fall onto a plane, roll and come to rest in MuJoCo, as cylinders of their
 masses; a mug rolls without end. Hulls fall in four ways, and what sounds after their last collision is timed.
@@ -225,7 +225,3 @@ def main() -> None:
     }
     settings = {"seconds": SECONDS, "step_s": STEP_S, "block": BLOCK, "rate_hz": RATE_HZ, "runs": RUNS}
     conclude("live", figures, settings | {"threads": os.environ.get("OMP_NUM_THREADS", "all")}, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

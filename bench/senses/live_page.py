@@ -1,6 +1,6 @@
 """Whether the sound of a played scene runs dry: a minute of the page in a headless Chromium.
 
-    OMP_NUM_THREADS=1 python -m bench.senses.live_page
+    OMP_NUM_THREADS=1 python -m bench live_page
 
 `objectfolder play` serves a table with two mugs and a bell on one core; Chromium has the others. A mug is
 squeezed, the other objects are dropped in turn every second. The page counts how often a block of sound came
@@ -103,7 +103,3 @@ def main() -> None:
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }
     conclude("live_page", figures, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """How much faster than real time a scene is played: physics, sound, touch and sight together, on one core.
 
-    OMP_NUM_THREADS=1 python -m bench.senses.live_play
+    OMP_NUM_THREADS=1 python -m bench live_play
 
 Three objects of the package stand on a table in MuJoCo as their hulls. Two fingers grip the first, lift and
 lower it without end; the others are dropped from 10 cm every two seconds. Beside the sound, both tactile
@@ -158,7 +158,3 @@ def main() -> None:
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }  # fmt: skip
     conclude("live_play", {"played": best, "queries": queries()}, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """How often a second two fingers that squeeze a mug are felt, on one core, and how exact shear is.
 
-    OMP_NUM_THREADS=1 python -m bench.senses.live_touch
+    OMP_NUM_THREADS=1 python -m bench live_touch
 
 In MuJoCo two fingers close on the hull of the package's mug, lift it, shake it and ease off until it slips.
 Images, forces and markers of both are asked for after every few steps; what takes the seconds is told apart.
@@ -147,7 +147,3 @@ def main() -> None:
     settings = {"step_s": STEP_S, "steps_between": BETWEEN, "squeeze_n": SQUEEZE_N, "friction": FRICTION}
     settings |= {"runs": RUNS, "threads": os.environ.get("OMP_NUM_THREADS", "all")}
     conclude("live_touch", figures, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """The pictures of README and docs/results.md, drawn from a finished data set.
 
-Run as ``python -m bench.senses.pictures [--data FOLDER] [--strike ID]``; writes into docs/. ``hero.png`` is
+Run as ``python -m bench pictures [--data FOLDER] [--strike ID]``; writes into docs/. ``hero.png`` is
 what Object Files answer, ``live_sight.png`` the scene of ``objectfolder demo``, ``demo.webp`` its objects as
 they fall. ``sight.png``, ``touch.png`` and ``sound.png`` are held-out queries beside the truth: views are the
 best lit of each object, touches those with the largest contact.
@@ -170,7 +170,3 @@ def main() -> None:
     pyplot.imsave(folder / "sight.png", sight(list(products.values())))
     pyplot.imsave(folder / "touch.png", touch(list(products.values())))
     draw_strike(folder / "sound.png", products[given.strike], given.strike)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """What modes lose to the air by coarse boundary elements, against the finest of `transfer: multipole`.
 
-    python -m bench.senses.radiation --folder FOLDER [--only NAME ...]
+    python -m bench radiation --folder FOLDER [--only NAME ...]
 
 Modes below 10 kHz of thin open objects of the starter set. Rows are kept in FOLDER and not measured again.
 """
@@ -99,7 +99,3 @@ def main() -> None:
             name, {key: value for key, value in rows[name].items() if not isinstance(value, list)}, flush=True
         )
     conclude("radiation", {"objects": rows}, {"highest_hz": HIGHEST_HZ}, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

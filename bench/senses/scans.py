@@ -1,6 +1,6 @@
 """Modes of every scan of a data set: seconds, memory, stated errors, and what failed and why.
 
-    python -m bench.senses.scans ROOT
+    python -m bench scans ROOT
 
 ROOT is a data set whose stage ``modes`` was made. Seconds and memory are those of the tasks that made it: on
 a busy machine CPU seconds are too many.
@@ -95,7 +95,3 @@ def figures(rows: dict[str, dict[str, Any]], failures: dict[str, str]) -> dict[s
 
 def median(rows: list[dict[str, Any]], key: str) -> float:
     return float(np.median([row[key] for row in rows]))
-
-
-if __name__ == "__main__":
-    main()

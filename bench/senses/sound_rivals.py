@@ -1,6 +1,6 @@
 """Sound of real objects at contacts that no fit has seen: AudioNet against the published ways.
 
-    python -m bench.senses.sound_rivals --folder FOLDER [--objects CATALOGUE.csv]
+    python -m bench sound_rivals --folder FOLDER [--objects CATALOGUE.csv]
 
 Truth are solved modes at held-out points; FOLDER keeps them. Compared:
 
@@ -166,7 +166,3 @@ def main() -> None:
         "threads": os.environ.get("OMP_NUM_THREADS"),
     }
     conclude("sound_rivals", figures, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

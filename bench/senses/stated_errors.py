@@ -1,6 +1,6 @@
 """Errors of frequencies as stated, against the true ones, of bodies held out when the statement was chosen.
 
-    python -m bench.senses.stated_errors --folder FOLDER [--only NAME ...]
+    python -m bench stated_errors --folder FOLDER [--only NAME ...]
 
 Bodies of revolution and cuboids, as triangles, solved at the default settings. A mode's stated error is its
 estimate plus that of the geometry; its true one is against an independent reference (`tests.references`),
@@ -16,8 +16,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from bench.record import arguments, conclude, cpu_seconds, kept
-from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, compare
-from bench.rivals.audio.uniform import MAX_MODES
+from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, MAX_MODES, compare
 from bench.senses.catalogue import MATERIALS
 from objectfolder.audio.materials import Material, read_materials
 from objectfolder.audio.modes.modes import ACCURACY_CENTS, SPHERE, simulate_modes
@@ -121,7 +120,3 @@ def main() -> None:
         print(name, {key: rows[name].get(key) for key in shown}, flush=True)
     settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": ACCURACY_CENTS, "radiation": SPHERE}
     conclude("stated_errors", figures(rows), settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

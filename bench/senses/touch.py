@@ -1,6 +1,6 @@
 """Touch: seconds against error of the renderer and its rivals, and what stored surfaces cost and lose.
 
-    python -m bench.senses.touch --folder FOLDER [--objects CATALOGUE.csv]
+    python -m bench touch --folder FOLDER [--objects CATALOGUE.csv]
 
 Rows that are finished are kept in FOLDER and not made again: delete ``*.json`` there to measure again. Speeds
 are touches a CPU second with their set-up (boxes over the faces, compilation) left out and stated beside
@@ -146,7 +146,3 @@ def _settings(given: argparse.Namespace) -> Row:
         "axis, so that its coordinates are no whole micrometres; 15 degrees, 2 mm",
         "psnr": "of 8-bit images, at most 58.9 dB a touch (rounding)",
     }
-
-
-if __name__ == "__main__":
-    main()

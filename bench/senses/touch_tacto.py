@@ -1,6 +1,6 @@
 """Touch against TACTO 0.0.3: its own renderer's DIGIT images of the same meshes, poses and depths.
 
-    python -m bench.senses.touch_tacto --python PYTHON --folder FOLDER [--objects CATALOGUE.csv]
+    python -m bench touch_tacto --python PYTHON --folder FOLDER [--objects CATALOGUE.csv]
 
 PYTHON is that of an environment with the packages tacto==0.0.3, pyrender, trimesh, omegaconf, scipy,
 opencv-python-headless and numpy<2, and EGL (see `touch_tacto_renderer`). Noise is off and the force 0, which
@@ -226,7 +226,3 @@ def _settings(given: argparse.Namespace, driver: str) -> dict[str, Any]:
         "(58.9 dB), in raw images; not clipped in calibrated ones but at one level in one value (95.7 dB)",
         "opengl": driver,
     }
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Computed sight under two coloured lamps at once, against Cycles.
 
-    python -m bench.senses.two_lamps --folder FOLDER --objects data/starter.csv [--only ID ...]
+    python -m bench two_lamps --folder FOLDER --objects data/starter.csv [--only ID ...]
 
 FOLDER is that of `bench.senses.vision_objects`. Truth and rows are kept there and not made again; the result
 is of the rows at hand.
@@ -83,7 +83,3 @@ def main() -> None:
     summary = {"foreground_db": {"mean": float(np.mean(foreground)), "worst": min(foreground)}}
     settings = {"views": VIEWS, "samples": f"{SAMPLES} to {MOST_SAMPLES}", "colours": COLOURS}
     conclude("two_lamps", {"summary": summary, "objects": rows}, settings, COMPARED)
-
-
-if __name__ == "__main__":
-    main()

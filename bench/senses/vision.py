@@ -1,6 +1,6 @@
 """Sight: seconds against error, and bytes, of VisionNet, Cycles, the paper's network and lit textures.
 
-    python -m bench.senses.vision --only ID ID ID --folder FOLDER [--objects CATALOGUE.csv] [--material known]
+    python -m bench vision --only ID ID ID --folder FOLDER [--objects CATALOGUE.csv] [--material known]
 
 All renderers answer the same held-out cameras and lights and are compared with the same truth. Views, fitted
 networks and finished rows are kept in FOLDER and not made again, and the result is of all rows there: delete
@@ -390,7 +390,3 @@ class Case:
             "steps": fitted.training.steps,
             "training_cpu_s": fitted.training.cpu_s,
         }
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """VisionNet on ten scans: error on held-out cameras and lights, within budgets of CPU seconds.
 
-    python -m bench.senses.vision_objects --folder FOLDER [--objects CATALOGUE.csv] [--part 1/2]
+    python -m bench vision_objects --folder FOLDER [--objects CATALOGUE.csv] [--part 1/2]
         [--only ID ...] [--cases within_120 finer lights metal gloss within_600]
 
 Views, fitted networks and rows are kept in FOLDER and not
@@ -359,7 +359,3 @@ def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         "worst_object_foreground_db": min(row["psnr_foreground_db"] for row in table),
         "missing": missing,
     }
-
-
-if __name__ == "__main__":
-    main()

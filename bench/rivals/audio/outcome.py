@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 MAX_FREQUENCY_HZ = 20000.0
+MAX_MODES = 256  # looked for at most below it
 
 
 @dataclass
