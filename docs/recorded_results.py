@@ -15,9 +15,17 @@ MARK = "<!-- recorded results -->"
 PACKAGES = ("objectfolder", "pipeline", "learning")
 FOLLOWED = ("bench", "learning", "tests")
 STALE = 100  # later commits to the code that was measured
-PARTS = ("senses", "factory", "rivals", "rivals/touch")
-# Results of a folder of modules.
-MODULES = {"gpu": "bench/gpu", "gpu_elastic": "bench/gpu", "reality": "bench/reality"}
+PARTS = ("senses", "factory")
+# Modules of results that have other names.
+MODULES = {
+    "gpu": "gpu/*",
+    "gpu_elastic": "gpu/*",
+    "reality": "reality/*",
+    "vision_known": "senses/vision",
+    "hard_scans": "senses/vision_objects",
+    "hard_scans_known": "senses/vision_objects",
+    "scans": "factory/hundred",
+}
 
 
 class Commit(NamedTuple):
@@ -55,7 +63,7 @@ def row(path: Path, history: list[Commit]) -> str:
         rooms = tuple(imported_rooms(path.stem))
         count = sum(any(file.startswith(rooms) for file in commit.files) for commit in history[:recorded])
         later = f"**stale: {count}**" if count > STALE else str(count)
-        later = later if rooms else "not known"
+        later = later if rooms else "measured once"
     if measured.get("uncommitted_changes") is not False:
         when += ", code not committed" if measured.get("uncommitted_changes") else ", commit not stated"
     compared = content["compared"].replace("|", "\\|")
@@ -69,9 +77,9 @@ def imported_rooms(name: str) -> list[str]:
     Modules of `bench`, `learning` and `tests` are followed. What imports a whole package, or starts programs,
     may use all of it.
     """
-    place = MODULES.get(name)
-    own = ROOT.glob(f"{place}/*.py") if place else (ROOT / f"bench/{part}/{name}.py" for part in PARTS)
-    open_modules, seen, rooms = [path for path in own if path.exists()], set(), set()
+    places = [MODULES[name]] if name in MODULES else [f"{part}/{name}" for part in PARTS]
+    open_modules = [path for place in places for path in ROOT.glob(f"bench/{place}.py")]
+    seen, rooms = set(), set()
     while open_modules:
         module = open_modules.pop()
         if module in seen:

@@ -21,8 +21,6 @@ from pipeline.publish.report.writing import write_report
 OBJECTS = 1000
 # Held-out queries a sense without loss; the last is what a report shows by default.
 PAIRS = (2, 4)
-# Aims.
-TARGET_CPU_S, TARGET_MS = 60.0, 100.0
 SUFFIXES = (".zarr.zip", ".safetensors")
 
 
@@ -145,15 +143,3 @@ def sizes(reports: Path) -> dict[str, Any]:
         "page_bytes_mean": sum(pages) / len(pages),
         "player_bytes_mean": sum(players) / max(len(players), 1),
     }
-
-
-def bars(axes: Any, rows: dict[str, float], target: float, label: str, form: str) -> None:
-    places = range(len(rows))
-    drawn = axes.barh(places, list(rows.values()), color="#1b5c95")
-    axes.bar_label(drawn, [form.format(value) for value in rows.values()], padding=3)
-    axes.axvline(target, color="#444", linestyle="--", linewidth=1)
-    axes.set_yticks(places, list(rows))
-    axes.invert_yaxis()
-    axes.set_xlim(0, 1.15 * max(target, *rows.values()))
-    axes.set_xlabel(label)
-    axes.spines[["top", "right"]].set_visible(False)

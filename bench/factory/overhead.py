@@ -20,7 +20,7 @@ from bench.factory.overhead_repository import REPOSITORY, OverheadRepository, st
 from bench.record import arguments, conclude, cpu_seconds
 from pipeline.dataset.stages import STAGES
 
-BARS = {"nothing to do": 3.0, "one object changed": 5.0, "status": 2.0, "status of DVC": 2.0}
+BARS = {"nothing to do": 3.0, "one object changed": 8.0, "status": 2.0, "status of DVC": 2.0}
 Act = Callable[[], object]
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import psutil
 
-from bench.record import arguments, conclude, save, subplots
+from bench.record import arguments, conclude
 
 FRAMES, RUNS, TURN_RAD = 10, 2, 0.1
 SIDES, FINEST = (128, 192, 256), 512
@@ -133,17 +133,6 @@ def figures() -> dict[str, Any]:
     }
 
 
-def draw(measured: dict[str, Any]) -> None:
-    """Milliseconds of a frame."""
-    figure, axes = subplots(figsize=(6, 2.6))
-    rows = measured["frame_cpu_ms"]
-    axes.barh(range(len(rows)), [row["ms"] for row in rows])
-    labels = [f"{row['way']}, {row['side']}, {row['moving']} moving" for row in rows]
-    axes.set(yticks=range(len(rows)), yticklabels=labels, xlabel="CPU-ms an image")
-    axes.axvline(50, color="k", lw=1)
-    save(figure, "demo")
-
-
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument(FIRST, action="store_true", help="draw the first image alone, and say when")
@@ -156,4 +145,4 @@ def main() -> None:
         "turn_rad": TURN_RAD,
         "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }
-    conclude("demo", figures(), settings, COMPARED, draw)
+    conclude("demo", figures(), settings, COMPARED)

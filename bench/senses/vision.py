@@ -26,7 +26,6 @@ from bench.record import REPOSITORY, conclude, cpu_seconds, kept
 from bench.rivals.vision.scattering_function import ScatteringFunction
 from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
-from bench.senses import vision_known
 from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.vision_outcome import COMPARED, draw, figures_of
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
@@ -97,10 +96,9 @@ def main() -> None:
             )
     # Of earlier runs too, so that sizes and objects can be measured in parts.
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.folder.glob("*.row.json"))]
-    if given.material == "known":
-        conclude("vision_known", figures_of(rows), settings(given, rows), COMPARED, vision_known.draw)
-    else:
-        conclude("vision", figures_of(rows), settings(given, rows), COMPARED, draw)
+    known = given.material == "known"
+    name, picture = ("vision_known", None) if known else ("vision", draw)
+    conclude(name, figures_of(rows), settings(given, rows), COMPARED, picture)
 
 
 def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:

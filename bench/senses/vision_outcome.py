@@ -156,8 +156,8 @@ def label(way: dict[str, Any], most_objects: int) -> str:
     return f"{way['way']}{trained}{objects}"
 
 
-def draw(figures: dict[str, Any], name: str = "vision") -> None:
-    """PSNR against seconds and against bytes, a row a size, as the picture of a name."""
+def draw(figures: dict[str, Any]) -> None:
+    """PSNR against seconds and against bytes, a row a size."""
     means = figures["mean_over_objects"]
     floors = {
         size: np.mean([row["truth_noise_floor_db"] for row in figures["rows"] if str(row["size"]) == size])
@@ -202,4 +202,4 @@ def draw(figures: dict[str, Any], name: str = "vision") -> None:
     handles, names = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8)
     figure.tight_layout(rect=(0, 0.5 / figure.get_figheight(), 1, 1))
-    save(figure, name)
+    save(figure, "vision")
