@@ -23,32 +23,24 @@ from typing import Any
 import numpy as np
 
 from bench.record import REPOSITORY, conclude, cpu_seconds, kept
-from bench.rivals.vision.scattering_function import ScatteringFunction
 from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
 from bench.senses.catalogue import Scans, scan_arguments
+from bench.senses.subject import Subject, ViewCounts
 from bench.senses.vision_outcome import COMPARED, draw, figures_of
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
-from objectfolder.products.store import Product, read_product, write_product
-from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
-from objectfolder.surface.codec import decode_surface, encode_surface
-from objectfolder.surface.frames import UnitFrame
-from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, on_white
 from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
-from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.fitting import MATERIALS, fit_visionnet
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
+from objectfolder.vision.visionnet.fitting import MATERIALS
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZES = (128, 256)
 SUB_RAYS = (1, 2, 4, 16, 64, 128)
 CYCLES_SAMPLES = (1, 4, 16, 64, 256)
 TRAINING_SAMPLES, TRUTH_SAMPLES = 32, 512
-# Rays on which the paper's network is judged: whole images would take minutes each. One image of the smallest
-# size is timed whole.
-NETWORK_RAYS = 3072
+# Rays on which the paper's network is judged, for whole images would take minutes each, and those of a step.
+NETWORK_RAYS, NETWORK_BATCH_RAYS = 3072, 32
 # Views of a query by which queries of many views are compared with as many queries.
 BATCH = 48
 # Seeds of the views are below 2^30; this bit makes those of Cycles as a rival of its own truth.
@@ -61,28 +53,19 @@ Answer = Callable[[int], np.ndarray]
 
 
 def main() -> None:
-    parser = scan_arguments("sight: seconds, error and bytes", "views, networks and rows")
-    parser.add_argument("--only", nargs="+", required=True, help="ids of the objects to measure")
+    parser = scan_arguments("sight: seconds, error and bytes", "views, networks and rows", only=())
     parser.add_argument("--sizes", type=int, nargs="+", default=list(SIZES), help="pixels a side")
-    parser.add_argument(
-        "--training-views", type=int, nargs="+", default=[100], help="for each size, or one for all"
-    )
+    parser.add_argument("--training-views", type=int, default=100)
     parser.add_argument("--held-out-views", type=int, default=6)
     parser.add_argument("--material", choices=MATERIALS, default="learned", help="as of fit_visionnet")
-    parser.add_argument(
-        "--cycles-samples", type=int, nargs="+", default=list(CYCLES_SAMPLES), help="of Cycles as a rival"
-    )
+    parser.add_argument("--cycles-samples", type=int, nargs="+", default=list(CYCLES_SAMPLES))
     parser.add_argument("--rounds", type=int, default=3, help="renders of each view by each way")
     parser.add_argument("--network-cpu-s", type=float, default=120.0, help="training of the paper's network")
-    parser.add_argument("--network-steps", type=int, help="its length instead; 200000 as published")
-    parser.add_argument("--network-rays", type=int, default=32, help="rays a step; 1024 as published by NeRF")
     parser.add_argument("--network-objects", type=int, default=1, help="for how many of the objects")
-    parser.add_argument("--network-device", default="cpu")
     given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
+    if not given.only:
+        parser.error("name the objects to measure by --only")
     scans = Scans(given.objects)
-    counts = given.training_views * (len(given.sizes) if len(given.training_views) == 1 else 1)
-    given.training_views = dict(zip(given.sizes, counts, strict=True))
     os.environ["NUMBA_NUM_THREADS"] = "1"
     import torch
 
@@ -102,11 +85,10 @@ def main() -> None:
 
 
 def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    views = {str(row["size"]): f"{row['training_views']} views at {TRAINING_SAMPLES} samples" for row in rows}
     return {
         "objects": sorted({row["object"] for row in rows}),
         "sizes": sorted({row["size"] for row in rows}),
-        "training": views,
+        "training": f"{given.training_views} views at {TRAINING_SAMPLES} samples",
         "material": given.material,
         "held_out": f"{given.held_out_views} views at {TRUTH_SAMPLES} samples, cameras and lights unseen",
         "times": "CPU seconds of one view, one thread, medians over views and rounds, ways interleaved",
@@ -114,19 +96,10 @@ def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str,
         "the scene's set-up and Blender's start, as a view asked for alone costs",
         "rounds": given.rounds,
         "paper_network": {
-            "training": f"{given.network_steps} steps"
-            if given.network_steps
-            else f"{given.network_cpu_s} CPU s",
-            "rays_a_step": given.network_rays,
-            "device": given.network_device,
-            "views": f"those of {min(given.sizes)} pixels a side, at every size",
-            "time": f"of one whole image of {min(given.sizes)} pixels a side; at other sizes of "
-            f"{NETWORK_RAYS} rays spread over the held-out views, scaled to a whole image",
+            "training": f"{given.network_cpu_s} CPU s of views of {min(given.sizes)} pixels a side",
+            "rays_a_step": NETWORK_BATCH_RAYS,
+            "time": f"of {NETWORK_RAYS} rays spread over the held-out views, scaled to a whole image",
             "error": "of those pixels, squared errors pooled; no SSIM",
-        },
-        "published_on_their_data_256": {
-            "ObjectFolder 1.0": {"psnr_db": 35.7, "ssim": 0.97, "gpu_s": 3.699},
-            "ObjectFolder 2.0": {"psnr_db": 36.3, "ssim": 0.98, "gpu_s": 0.062},
         },
         "bytes": "VisionNet: its tensors and the compressed surface; paper's network: single precision; "
         "Cycles and textures: the source mesh and texture as files",
@@ -142,57 +115,37 @@ class CyclesRenders:
     alone: list[float] = field(default_factory=list)
 
 
+def counts(given: argparse.Namespace, size: int) -> ViewCounts:
+    """Return how many views of a size there are."""
+    return ViewCounts(size, given.training_views, TRAINING_SAMPLES, given.held_out_views, TRUTH_SAMPLES)
+
+
 class Case:
     """One object at one size."""
 
     def __init__(self, given: argparse.Namespace, scans: Scans, name: str, size: int) -> None:
         self.given, self.name, self.size = given, name, size
-        self.mesh = scans.mesh(name)
-        material = scans.material(name)
-        self.appearance = Appearance(material.roughness, material.metallic)
+        self.subjects = {
+            pixels: Subject(scans, name, given.folder, counts(given, pixels), given.material)
+            for pixels in {size, min(given.sizes)}
+        }
+        self.subject = subject = self.subjects[size]
         self.source_bytes = sum(path.stat().st_size for path in scans.folder(name).iterdir())
-        self.views, self.views_cpu_s = self._views(size)
-        held_out = self.views["held_out"]
-        self.cameras = self.views["camera_to_world"][held_out]
-        self.lights = self.views["light_position"][held_out]
-        self.rgba = self.views["rgba"][held_out].astype(np.float32)
-        self.field_of_view_deg = float(self.views.attributes["field_of_view_deg"])
-        self.frame = UnitFrame.from_dict(self.views.attributes["frame"])
+        self.cameras, self.lights = subject.held_out("camera_to_world"), subject.held_out("light_position")
+        self.rgba = subject.held_out("rgba").astype(np.float32)
+        self.attributes = subject.views.attributes
+        self.field_of_view_deg = float(self.attributes["field_of_view_deg"])
         self.nudges = (1 + NUDGE * index for index in itertools.count())
-
-    def _views(self, size: int) -> tuple[Product, float | None]:
-        """Return views and the CPU seconds they took, None where that is not known."""
-        given = self.given
-        path = given.folder / (
-            f"{self.name}_{size}_{given.training_views[size]}x{TRAINING_SAMPLES}_"
-            f"{given.held_out_views}x{TRUTH_SAMPLES}.views.zarr.zip"
-        )
-        spent = Path(f"{path}.cpu_s")
-        if not path.exists():
-            start = cpu_seconds()
-            views = simulate_views(
-                self.mesh,
-                self.appearance,
-                resolution=size,
-                training_views=given.training_views[size],
-                training_samples=TRAINING_SAMPLES,
-                held_out_views=given.held_out_views,
-                held_out_samples=TRUTH_SAMPLES,
-                seed=0,
-            )
-            spent.write_text(str(cpu_seconds() - start), encoding="utf-8")
-            write_product(path, views)
-        return read_product(path), float(spent.read_text(encoding="utf-8")) if spent.exists() else None
 
     def measure(self, with_network: bool) -> dict[str, Any]:
         """Return the case's row."""
-        net, net_bytes, fit_cpu_s = self._visionnet()
+        net, costs = self.subject.sight
         answers: dict[tuple[str, int | None], Answer] = {}
         for count in SUB_RAYS:
             answers["VisionNet, compiled", count] = self._answer(net.render, sub_rays=count)
         for shading in SHADINGS:
-            power = float(self.views.attributes["light_power_w"])
-            textured = TexturedSurface(self.mesh, self.frame, shading, power)
+            power = float(self.attributes["light_power_w"])
+            textured = TexturedSurface(self.subject.mesh, self.subject.frame, shading, power)
             answers[f"{shading} texture", None] = self._answer(textured.render)
         images, seconds, ways = self._timed(answers)
         for (way_name, setting), found in images.items():
@@ -203,27 +156,31 @@ class Case:
                     "setting": setting,
                     **self._error(on_white(found)),
                     "cpu_s": float(np.median(seconds[way_name, setting])),
-                    "bytes": net_bytes if ours else self.source_bytes,
+                    "bytes": costs["bytes"] if ours else self.source_bytes,
                 }
             )
         ways.append(
-            {"way": "mean colour", "setting": None, **self._error(trivial_answer(self.views)), "bytes": 12}
+            {
+                "way": "mean colour",
+                "setting": None,
+                **self._error(trivial_answer(self.subject.views)),
+                "bytes": 12,
+            }
         )
         if with_network:
             ways.append(self._paper_network())
-        attributes = self.views.attributes
         return {
             "object": self.name,
             "size": self.size,
-            "roughness": self.appearance.roughness,
-            "metallic": self.appearance.metallic,
-            "training_views": self.given.training_views[self.size],
+            "roughness": self.subject.appearance.roughness,
+            "metallic": self.subject.appearance.metallic,
+            "training_views": self.given.training_views,
             "rounds": self.given.rounds,
             "covered_share": float((self.rgba[..., 3] > 0).mean()),
-            "truth_noise_floor_db": attributes["noise_floor_db"],
-            "truth_noise_floor_foreground_db": attributes["noise_floor_foreground_db"],
-            "views_cpu_s_held_out_included": self.views_cpu_s,
-            "visionnet_fit_cpu_s": fit_cpu_s,
+            "truth_noise_floor_db": self.attributes["noise_floor_db"],
+            "truth_noise_floor_foreground_db": self.attributes["noise_floor_foreground_db"],
+            "views_cpu_s_held_out_included": self.subject.views_cpu_s,
+            "visionnet_fit_cpu_s": costs["fit_cpu_s"],
             "batch": self._batch(net),
             "ways": ways,
         }
@@ -248,23 +205,6 @@ class Case:
         processors, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, given
         times = {"median": float(np.median(ratios)), "least": min(ratios)}
         return {"views": BATCH, "processors": processors, **times}
-
-    def _visionnet(self) -> tuple[VisionNet, int, float]:
-        encoded = encode_surface(self.mesh.surface)
-        surface = decode_surface(encoded)
-        path = self.given.folder / f"{self.name}_{self.size}.visionnet.safetensors"
-        if not path.exists():
-            start, material = time.process_time(), self.given.material
-            maps = sample_maps(stored_mesh(self.mesh, surface), self.frame, self.appearance, material)
-            fitted = fit_visionnet(surface, self.frame, self.views, maps=maps, material=material)
-            spent = time.process_time() - start
-            metadata = {"visionnet": fitted.metadata(), "cpu_s": spent}
-            write_tensor_file(path, TensorFile(fitted.tensors(), metadata))
-        content = read_tensor_file(path)
-        metadata = json.loads(content.metadata["visionnet"])
-        net = VisionNet.from_tensors(content.tensors, metadata, surface, self.frame)
-        stored = [*content.tensors.values(), *encoded.values()]
-        return net, sum(array.nbytes for array in stored), float(content.metadata["cpu_s"])
 
     def _answer(self, render: Callable[..., Any], **more: int) -> Answer:
         def answer(view: int) -> np.ndarray:
@@ -319,12 +259,12 @@ class Case:
 
     def _render_by_cycles(self, samples: int, turn: int, found: "CyclesRenders") -> None:
         """Render one view alone, then all in one process, and add the seconds to `found`."""
-        seeds = self.views["seed"][self.views["held_out"]] ^ OWN_SEED
+        seeds = self.subject.held_out("seed") ^ OWN_SEED
         one = turn % len(self.cameras)
         for views in (slice(one, one + 1), slice(None)):
             shots = Shots(
                 self.cameras[views], self.lights[views], seeds[views], samples, self.size, self.size,
-                self.field_of_view_deg, float(self.views.attributes["light_power_w"]),
+                self.field_of_view_deg, float(self.attributes["light_power_w"]),
             )  # fmt: skip
             images, within, whole = self._in_child(shots)
             if views == slice(None):
@@ -337,7 +277,8 @@ class Case:
         """Return images, CPU seconds of each view, and those of the whole process."""
         with tempfile.TemporaryDirectory(prefix="bench-vision-") as folder:
             request, result = Path(folder, "request.npz"), Path(folder, "result.npz")
-            save_request(request, unit_scene(self.mesh, self.appearance, self.frame), shots)
+            subject = self.subject
+            save_request(request, unit_scene(subject.mesh, subject.appearance, subject.frame), shots)
             start = cpu_seconds()
             subprocess.run(
                 [sys.executable, "-m", "bench.rivals.vision.cycles", str(request), str(result)],
@@ -349,15 +290,9 @@ class Case:
                 return found["images"], found["cpu_s"], whole
 
     def _paper_network(self) -> dict[str, Any]:
-        given = self.given
-        size = min(given.sizes)
-        fitted: ScatteringFunction = fit_scattering_function(
-            self._views(size)[0],
-            steps=given.network_steps,
-            budget_cpu_s=None if given.network_steps else given.network_cpu_s,
-            batch_rays=given.network_rays,
-            device=given.network_device,
-            checkpoint=given.folder / f"{self.name}_{size}.rival.safetensors",
+        views = self.subjects[min(self.given.sizes)].views
+        fitted = fit_scattering_function(
+            views, budget_cpu_s=self.given.network_cpu_s, batch_rays=NETWORK_BATCH_RAYS
         )
         generator = np.random.default_rng(0)
         errors, covered, seconds = [], [], []
@@ -370,11 +305,6 @@ class Case:
             chosen = truth.reshape(-1, 4)[pixels]
             errors.append((composite_on_white(chosen) - composite_on_white(answer)) ** 2)
             covered.append(chosen[:, 3] >= FOREGROUND_ALPHA)
-        if self.size == size:
-            start = time.process_time()
-            every = np.arange(self.size**2)
-            fitted.pixels(self.cameras[0], self.lights[0], every, self.size, self.field_of_view_deg)
-            seconds = [time.process_time() - start]
         squares, foreground = np.concatenate(errors), np.concatenate(covered)
         assert fitted.training is not None
         return {

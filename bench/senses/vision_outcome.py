@@ -11,8 +11,6 @@ COMPARED = (
     "shadowed, and the mean colour in the true silhouette, against path-traced held-out views: PSNR of 8-bit "
     "sRGB on white (mean of views, and over pixels covered by at least half), SSIM, CPU seconds a view, bytes"
 )
-# A published VisionNet's error on its own data is 36 dB; this is what Cycles has with 16 samples.
-WANTED_DB = 42.0
 # Errors of the foreground at which CPU seconds are compared with those of Cycles.
 FOREGROUND_DB = 40.0, 45.0, 50.0
 MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes", "training_cpu_s")
@@ -36,11 +34,7 @@ def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "rows": rows,
         "mean_over_objects": {size: mean_over_objects(found) for size, found in by_size.items()},
-        "against_cycles_at_equal_error": {size: at_equal_error(found) for size, found in by_size.items()},
         "against_cycles_at_foreground_db": {size: at_foreground(found) for size, found in by_size.items()},
-        f"seconds_at_{WANTED_DB:.0f}_db": {
-            size: seconds_at(found, WANTED_DB) for size, found in by_size.items()
-        },
     }
 
 
@@ -60,53 +54,11 @@ def mean_over_objects(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return means
 
 
-def at_equal_error(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """How many times the CPU seconds of a setting Cycles takes to the same PSNR, for each object.
-
-    Cycles' seconds at a PSNR are interpolated between its sample counts, their logarithm linearly. Beyond its
-    ends there is no figure; the object is then counted as above or below.
-    """
-    compared: dict[tuple[str, Any], dict[str, Any]] = {}
-    for row in rows:
-        cycles = sorted(
-            (way for way in row["ways"] if way["way"] == "Cycles"), key=lambda way: way["setting"]
-        )
-        errors = [way["psnr_db"] for way in cycles]
-        for way in row["ways"]:
-            if not way["way"].startswith("VisionNet"):
-                continue
-            entry = compared.setdefault(
-                (way["way"], way["setting"]),
-                {
-                    "way": way["way"], "setting": way["setting"],
-                    "times_faster": {}, "times_faster_alone": {},
-                    "faster_than_paper_network": {},
-                    "better_than_all_samples": [], "worse_than_one_sample": [],
-                },
-            )  # fmt: skip
-            network = [one for one in row["ways"] if one["way"] == "ObjectFolder 1.0 network"]
-            if network:
-                entry["faster_than_paper_network"][row["object"]] = network[0]["cpu_s"] / way["cpu_s"]
-            if way["psnr_db"] > errors[-1]:
-                entry["better_than_all_samples"].append(row["object"])
-            elif way["psnr_db"] < errors[0]:
-                entry["worse_than_one_sample"].append(row["object"])
-            else:
-                for key, seconds in (("times_faster", "cpu_s"), ("times_faster_alone", "cpu_s_alone")):
-                    log_s = np.interp(way["psnr_db"], errors, [np.log(one[seconds]) for one in cycles])
-                    entry[key][row["object"]] = float(np.exp(log_s) / way["cpu_s"])
-    for entry in compared.values():
-        for key in ("times_faster", "times_faster_alone"):
-            values = list(entry[key].values())
-            entry[f"median_{key}"] = float(np.median(values)) if values else None
-    return list(compared.values())
-
-
 def at_foreground(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Cycles' CPU seconds at an error of the foreground over those of the cheapest setting that reaches it.
 
-    Cycles' seconds are interpolated as in `at_equal_error`; an object is left out where all of its sample
-    counts have more error or less.
+    Cycles' seconds at an error are interpolated between its sample counts, their logarithm linearly; an
+    object is left out where all of its sample counts have more error or less.
     """
     compared: dict[str, dict[str, Any]] = {}
     for level in FOREGROUND_DB:
@@ -130,23 +82,6 @@ def at_foreground(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
             "not_reached": missed,
         }
     return compared
-
-
-def seconds_at(rows: list[dict[str, Any]], wanted_db: float) -> dict[str, dict[str, Any]]:
-    """CPU seconds of each way's cheapest setting that reaches a PSNR, for each object; None if none does."""
-    found: dict[str, dict[str, Any]] = {}
-    for row in rows:
-        for name in dict.fromkeys(way["way"] for way in row["ways"]):
-            timed = [way for way in row["ways"] if way["way"] == name and way.get("cpu_s") is not None]
-            reached = [way["cpu_s"] for way in timed if way["psnr_db"] >= wanted_db]
-            if timed:
-                entry = found.setdefault(name, {"objects": {}})
-                entry["objects"][row["object"]] = min(reached, default=None)
-    for entry in found.values():
-        seconds = [value for value in entry["objects"].values() if value is not None]
-        entry["mean"] = float(np.mean(seconds)) if seconds else None
-        entry["not_reached"] = [name for name, value in entry["objects"].items() if value is None]
-    return found
 
 
 def label(way: dict[str, Any], most_objects: int) -> str:

@@ -1,57 +1,50 @@
 import numpy as np
 import pytest
 
-from bench.senses.vision_outcome import at_equal_error, mean_over_objects, seconds_at
+from bench.senses.vision_outcome import at_foreground, mean_over_objects
 
 
-def row(name: str, ours_db: float) -> dict:
-    """Cycles gains 3 dB a doubling from 30 dB in 0.1 s on; alone it takes 2 s more."""
+def row(name: str, *ours: tuple[float, float]) -> dict:
+    """Cycles gains 3 dB a doubling from 34 dB in 0.1 s on; our settings have errors in seconds."""
     cycles = [
-        {
-            "way": "Cycles",
-            "setting": 2**k,
-            "psnr_db": 30 + 3 * k,
-            "cpu_s": 0.1 * 2**k,
-            "cpu_s_alone": 2 + 0.1 * 2**k,
-        }
+        {"way": "Cycles", "setting": 2**k, "psnr_foreground_db": 34 + 3 * k, "cpu_s": 0.1 * 2**k}
         for k in range(7)
     ]
-    ours = {"way": "VisionNet, reference", "setting": 16, "psnr_db": ours_db, "cpu_s": 0.05, "ssim": None}
-    return {"object": name, "size": 128, "ways": [*reversed(cycles), ours]}
+    settings = [
+        {"way": "VisionNet, compiled", "setting": k, "psnr_foreground_db": db, "cpu_s": s, "ssim": None}
+        for k, (db, s) in enumerate(ours)
+    ]
+    return {"object": name, "size": 128, "ways": [*reversed(cycles), *settings]}
 
 
 def test_seconds_to_the_same_error_are_interpolated_between_sample_counts():
-    # Halfway between two sample counts the seconds are their geometric mean: 0.1 * 2^1.5 = 0.283.
-    (found,) = at_equal_error([row("a", 34.5), row("b", 36.0), row("c", 60.0), row("d", 10.0)])
-    assert found["times_faster"]["a"] == pytest.approx(0.1 * 2**1.5 / 0.05)
-    assert found["times_faster"]["b"] == pytest.approx(0.4 / 0.05)
-    assert found["times_faster_alone"]["b"] == pytest.approx(2.4 / 0.05)
-    assert found["median_times_faster"] == pytest.approx(np.median([0.1 * 2**1.5, 0.4]) / 0.05)
+    found = at_foreground([row("a", (39.0, 0.01), (48.0, 0.05), (60.0, 0.2)), row("b", (44.0, 0.02))])
+    # Cycles has 40 dB by 4 samples, in 0.4 s.
+    assert found["40"]["times_faster"] == {
+        "a": pytest.approx(0.1 * 2**2 / 0.05),
+        "b": pytest.approx(0.1 * 2**2 / 0.02),
+    }
+    assert found["40"]["median_times_faster"] == pytest.approx(np.median([8.0, 20.0]))
+    # 45 dB lie between 43 and 46: seconds are interpolated by their logarithm.
+    assert found["45"]["times_faster"] == {"a": pytest.approx(0.1 * 2 ** (11 / 3) / 0.05)}
+    assert found["45"]["not_reached"] == ["b"]
 
 
 def test_beyond_cycles_sample_counts_there_is_no_figure():
-    (found,) = at_equal_error([row("best", 60.0), row("worst", 10.0)])
-    assert found["times_faster"] == {}
-    assert found["median_times_faster"] is None
-    assert found["better_than_all_samples"] == ["best"]
-    assert found["worse_than_one_sample"] == ["worst"]
+    case = row("a", (60.0, 0.05))
+    case["ways"] = [way for way in case["ways"] if way["way"] != "Cycles" or way["setting"] <= 4]
+    found = at_foreground([case])
+    assert set(found["40"]["times_faster"]) == {"a"}
+    assert found["45"] == {"times_faster": {}, "median_times_faster": None, "not_reached": []}
 
 
 def test_means_are_over_the_objects_that_have_a_measure():
-    rows = [row("a", 40.0), row("b", 42.0)]
-    rows[0]["ways"].append({"way": "network", "setting": None, "psnr_db": 20.0, "ssim": None, "cpu_s": 70.0})
+    rows = [row("a", (40.0, 0.05)), row("b", (42.0, 0.05))]
+    network = {"way": "network", "setting": None, "psnr_foreground_db": 20.0, "ssim": None, "cpu_s": 70.0}
+    rows[0]["ways"].append(network)
     means = {(mean["way"], mean["setting"]): mean for mean in mean_over_objects(rows)}
-    assert means["VisionNet, reference", 16]["psnr_db"] == 41.0
-    assert means["VisionNet, reference", 16]["objects"] == 2
-    assert means["VisionNet, reference", 16]["ssim"] is None
+    assert means["VisionNet, compiled", 0]["psnr_foreground_db"] == 41.0
+    assert means["VisionNet, compiled", 0]["objects"] == 2
+    assert means["VisionNet, compiled", 0]["ssim"] is None
     assert means["network", None]["objects"] == 1
     assert means["network", None]["bytes"] is None
-
-
-def test_the_cheapest_setting_that_reaches_an_error_is_found():
-    # Cycles has 42 dB from 16 samples on, in 1.6 s.
-    found = seconds_at([row("a", 43.0), row("b", 41.0)], 42.0)
-    assert found["Cycles"]["objects"] == {"a": pytest.approx(1.6), "b": pytest.approx(1.6)}
-    assert found["VisionNet, reference"]["objects"] == {"a": 0.05, "b": None}
-    assert found["VisionNet, reference"]["mean"] == 0.05
-    assert found["VisionNet, reference"]["not_reached"] == ["b"]
