@@ -24,8 +24,8 @@ MEASURES = (
     "training_steps", "psnr_contact_training_db",
 )  # fmt: skip
 COMPARED = (
-    "Touches of a DIGIT: this renderer over samples, pyrender, Embree's rays, the papers' "
-    "networks, mean image, no contact: CPU seconds, PSNR in the contact region against 8 x 8 samples; "
+    "Touches of a DIGIT: this renderer over samples, pyrender, the papers' networks, "
+    "mean image, no contact: CPU seconds, PSNR in the contact region against 8 x 8 samples; "
     "stored surfaces by bytes and PSNR against the source mesh pressed alike"
 )
 Row = dict[str, Any]
@@ -85,7 +85,6 @@ def summarised(speed: list[Row], encoded: list[Row]) -> Row:
     return {
         "ways": _ways(speed),
         "times_faster_than_pyrender": _times(speed, "pyrender"),
-        "times_faster_than_ray_casting": _times(speed, "ray casting"),
         "sizes": _sizes(speed),
         "elastic_touches_a_cpu_s": float(np.median([row["elastic_touches_a_cpu_s"] for row in speed])),
         "encoding": encoding,

@@ -6,16 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.rivals.touch.deformation_network import NAME as SECOND
-from bench.rivals.touch.deformation_network import render_deformation
-from bench.rivals.touch.fitting import RIVALS, fit_touch_rival
+from bench.rivals.touch.networks import RIVALS, fit_touch_network
 from objectfolder.fidelity.feel import measure_feel
 from objectfolder.products.store import Product
-from objectfolder.surface.codec import decode_surface, encode_surface
-from objectfolder.surface.surface import Surface
-from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.touches import Press
 
 # Touches that were trained on, judged to tell learning from generalising.
@@ -35,8 +28,6 @@ class NetworkRows:
 
     Parameters
     ----------
-    surface
-        The source mesh.
     touches
         What the networks are fitted to, and the held-out touches.
     asked
@@ -45,8 +36,8 @@ class NetworkRows:
         Judges images of them.
     """
 
-    def __init__(self, surface: Surface, touches: Product, asked: dict[str, Any], error: Error) -> None:
-        self._surface, self._touches, self._asked, self._error = surface, touches, asked, error
+    def __init__(self, touches: Product, asked: dict[str, Any], error: Error) -> None:
+        self._touches, self._asked, self._error = touches, asked, error
         self._chosen = np.flatnonzero(~touches["held_out"])
         shown = self._chosen[:SHOWN]
         self._seen = {name: touches[name][shown] for name in asked}
@@ -55,10 +46,10 @@ class NetworkRows:
     def rows(self, budget_cpu_s: float) -> list[dict[str, Any]]:
         """Return the row of each; `budget_cpu_s` is that of each network's fit."""
         networks = [self._network(name, budget_cpu_s) for name in RIVALS]
-        return [*networks, self._mean_image(), self._perfect_network(), self._stored_surface()]
+        return [*networks, self._mean_image()]
 
     def _network(self, name: str, budget_cpu_s: float) -> dict[str, Any]:
-        fitted = fit_touch_rival(name, self._touches, budget_cpu_s=budget_cpu_s, seed=0)
+        fitted = fit_touch_network(name, self._touches, budget_cpu_s=budget_cpu_s, seed=0)
         start = time.process_time()
         images = fitted.render(**self._asked)
         return {
@@ -80,25 +71,6 @@ class NetworkRows:
             "bytes": image.nbytes,
             "psnr_contact_training_db": self._on_training(np.broadcast_to(image, self._seen_rgb.shape)),
         } | self._error(np.broadcast_to(image, (len(self._asked["points"]), *image.shape)))
-
-    def _perfect_network(self) -> dict[str, Any]:
-        exact = press(self._surface, Sensor(), *press_query(self._asked, 1))
-        images = np.stack([render_deformation(Sensor(), depth) for depth in exact.depth_m])
-        return {"way": f"{SECOND}, a perfect network", "setting": None} | self._error(images)
-
-    def _stored_surface(self) -> dict[str, Any]:
-        encoded = encode_surface(self._surface)
-        net = TouchNet(decode_surface(encoded))
-        net.press(self._asked["points"][:1])
-        start = time.process_time()
-        images = net.press(*press_query(self._asked)).rgb
-        return {
-            "way": "TouchNet, stored surface",
-            "setting": 2,
-            "cpu_s": (time.process_time() - start) / len(images),
-            "bytes": sum(array.nbytes for array in encoded.values()),
-            "psnr_contact_training_db": self._on_training(net.press(*press_query(self._seen)).rgb),
-        } | self._error(images)
 
     def _on_training(self, images: np.ndarray) -> Any:
         return measure_feel(self._seen_rgb, self._seen_mask, images, self._seen_mask)["psnr_contact_db"]

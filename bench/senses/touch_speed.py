@@ -14,9 +14,8 @@ from objectfolder.fidelity.feel import measure_feel
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, to_bytes
+from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.sensor.shading import shade
 from objectfolder.touch.truth.opengl import OpenGLRenderer
 from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.record import simulate_touches
@@ -69,7 +68,10 @@ class Speed:
         def error(images: np.ndarray) -> dict[str, Any]:
             return measure_feel(truth.rgb, truth.mask, images, truth.mask)
 
-        ways = self._ways(surface, patches, asked, poses)
+        ways: dict[tuple[str, int | None], Way] = {
+            ("ours", samples): lambda s=samples: press(patches, self.sensor, *press_query(asked, s)).rgb
+            for samples in SAMPLES
+        }
         seconds: dict[tuple[str, int | None], list[float]] = {key: [] for key in ways}
         images = {key: way() for key, way in ways.items()}
         opengl: list[float] = []
@@ -94,7 +96,7 @@ class Speed:
         untouched = np.broadcast_to(no_contact_image(self.sensor, 2), truth.rgb.shape)
         rows.append({"way": "no contact", "setting": None} | error(untouched))
         if self.networks:
-            rows += NetworkRows(surface, touches, asked, error).rows(self.given.network_cpu_s)
+            rows += NetworkRows(touches, asked, error).rows(self.given.network_cpu_s)
         return {
             "object": self.name,
             "faces": len(surface.faces),
@@ -104,15 +106,6 @@ class Speed:
             "sizes": self._sizes(patches, asked),
             "elastic_touches_a_cpu_s": self._elastic(patches, asked["points"]),
         }
-
-    def _ways(
-        self, surface: Surface, patches: FacePatches, asked: dict[str, Any], poses: np.ndarray
-    ) -> dict[tuple[str, int | None], Way]:
-        ways: dict[tuple[str, int | None], Way] = {}
-        for samples in SAMPLES:
-            ways["ours", samples] = lambda s=samples: press(patches, self.sensor, *press_query(asked, s)).rgb
-        ways["ray casting", 1] = lambda: np.stack([ray_cast(surface, self.sensor, pose) for pose in poses])
-        return ways
 
     def _sizes(self, patches: FacePatches, asked: dict[str, Any]) -> list[dict[str, Any]]:
         """Touches a CPU second at three sizes of image."""
@@ -145,26 +138,6 @@ def _held_out(touches: Product) -> dict[str, Any]:
     return {
         name: np.asarray(touches[name])[chosen] for name in ("points", "depth_m", "tilt_deg", "azimuth_deg")
     }
-
-
-def ray_cast(surface: Surface, sensor: Sensor, pose: np.ndarray) -> np.ndarray:
-    """Image (height, width, 3) by one ray a pixel at the whole mesh, shaded alike."""
-    grid = ray_grid(sensor, 1)
-    v, u = (part.ravel() for part in np.meshgrid(grid.v, grid.u, indexing="ij"))
-    local = np.stack([np.ones_like(u), u, v], axis=1)
-    camera = np.asarray(sensor.camera_position_m)
-    directions = local @ pose[:3, :3].T
-    # From the near plane on, so that what is before it does not hide the object.
-    starts = pose[:3, :3] @ camera + pose[:3, 3] + sensor.near_m * directions
-    hits = surface.ray_hits(starts, directions)
-    depth = hits.distance + sensor.near_m
-    seen = depth < grid.gel_depth
-    positions = camera[:, None] + depth[seen] * local[seen].T
-    normals = pose[:3, :3].T @ surface.normals_at(hits.face[seen], hits.barycentric[seen]).T
-    facing = np.einsum("ij,ij->i", surface.face_normals[hits.face[seen]], directions[seen])
-    values = grid.gel_values.copy()
-    values[seen] = shade(sensor, positions, normals * -np.sign(facing))
-    return to_bytes(values.reshape(sensor.image_height, sensor.image_width, 3))
 
 
 def _by_opengl(

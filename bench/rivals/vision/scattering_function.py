@@ -9,22 +9,18 @@ objects only, of which there are none here. The light's input is its position, o
 direction from each sample. (The code's rays pass through a pixel's corner, the paper's through its middle.)
 
 Left open and decided here: colours are those of an 8-bit image, sRGB on white; transmittance is the stable
-form of `transmittance`, which differs from the published one by rounding; cameras elsewhere keep the far end
+form of `ray_marching`, which differs from the published one by rounding; cameras elsewhere keep the far end
 1.5 behind the centre.
 """
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from bench.rivals.vision.ray_sampling import evenly_spaced, refined
+from bench.rivals.published import Training
+from bench.rivals.vision.ray_marching import evenly_spaced, refined, weights
 from bench.rivals.vision.scattering_network import ScatteringNetwork
-from bench.rivals.vision.transmittance import weights
-from objectfolder.errors import FormatError, QueryError
+from objectfolder.errors import QueryError
 from objectfolder.vision.cameras import image_size, pixel_rays
 from objectfolder.vision.compositing import srgb_decode
 
@@ -33,25 +29,6 @@ NEAR, BEHIND_CENTRE = 0.01, 1.5
 ENDLESS = 1e10
 # Rays marched at once; 192 samples of 256 numbers each make 50 MB a layer.
 CHUNK = 256
-
-
-@dataclass(frozen=True)
-class Training:
-    """What a fit did.
-
-    Attributes
-    ----------
-    steps, batch_rays : of the optimiser
-    losses : (steps,) float64, mean squared errors of the batches, coarse and fine added
-    cpu_s : CPU seconds of this process
-    device : where
-    """
-
-    steps: int
-    batch_rays: int
-    losses: np.ndarray
-    cpu_s: float
-    device: str
 
 
 def march(
@@ -119,40 +96,6 @@ class ScatteringFunction:
     def bytes(self) -> int:
         """Stored in single precision, as released."""
         return 4 * self.parameters
-
-    def tensors(self) -> dict[str, np.ndarray]:
-        """Return the weights, float32, by name."""
-        return {
-            f"{name}.{key}": value.detach().cpu().numpy()
-            for name, net in (("coarse", self.coarse), ("fine", self.fine))
-            for key, value in net.state_dict().items()
-        }
-
-    @classmethod
-    def from_tensors(
-        cls, tensors: Mapping[str, np.ndarray], camera_radius: float, device: str = "cpu"
-    ) -> "ScatteringFunction":
-        """Return the scattering function whose `tensors` these are.
-
-        Raises
-        ------
-        FormatError
-            A tensor missing, foreign or of the wrong shape.
-        """
-        nets = []
-        for name in ("coarse", "fine"):
-            state = {
-                key.removeprefix(f"{name}."): torch.tensor(value)
-                for key, value in tensors.items()
-                if key.startswith(f"{name}.")
-            }
-            net = ScatteringNetwork()
-            try:
-                net.load_state_dict(state)
-            except RuntimeError as error:
-                raise FormatError("scattering function", str(error)) from error
-            nets.append(net.to(device).eval())
-        return cls(nets[0], nets[1], camera_radius)
 
     def render(
         self,
@@ -241,14 +184,3 @@ def _premultiplied(colour: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     alpha = np.clip(alpha, 0.0, 1.0)[:, None]
     straight = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     return np.concatenate([alpha * srgb_decode(straight), alpha], axis=1)
-
-
-def networks_of(seed: int, device: str) -> tuple[ScatteringNetwork, ScatteringNetwork]:
-    """Return new networks whose weights the seed decides."""
-    state: Any = torch.random.get_rng_state()
-    torch.manual_seed(seed)
-    try:
-        coarse, fine = ScatteringNetwork(), ScatteringNetwork()
-    finally:
-        torch.random.set_rng_state(state)
-    return coarse.to(device), fine.to(device)

@@ -10,7 +10,7 @@ by the directions with their sines and cosines at 1, 2, 4, 8, leads through one 
 import torch
 from torch import Tensor, nn
 
-from bench.rivals.published_perceptron import encode
+from bench.rivals.published import encode
 
 DEPTH, WIDTH, JOINED = 8, 256, 5  # the position joins again at layer `JOINED`, counted from 0
 POSITION_FREQUENCIES, DIRECTION_FREQUENCIES = 10, 4

@@ -10,32 +10,25 @@ weeks for all steps, which is why a fit can stop at a budget of CPU seconds, wit
 then named by it.
 """
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from bench.rivals.vision.ray_sampling import refined, stratified
+from bench.rivals.published import fit
+from bench.rivals.vision.ray_marching import refined, stratified
 from bench.rivals.vision.scattering_function import (
     BEHIND_CENTRE,
     COARSE_SAMPLES,
     FINE_SAMPLES,
     NEAR,
     ScatteringFunction,
-    Training,
     march,
-    networks_of,
 )
 from bench.rivals.vision.scattering_network import ScatteringNetwork
 from objectfolder.errors import InputError
-from objectfolder.products.provenance import canonical_json
 from objectfolder.products.store import Product
-from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.vision.cameras import focal_length_px
 from objectfolder.vision.compositing import on_white
 
@@ -43,11 +36,8 @@ FULL_LENGTH = 200_000
 BATCH_RAYS = 1024
 FIRST_RATE, TENFOLD_FALL_STEPS = 5e-4, 250_000
 DENSITY_NOISE = 1.0
-# CPU seconds between two checkpoints.
-CHECKPOINT_EVERY_S = 60.0
 
 Rays = tuple[Tensor, Tensor, Tensor, Tensor]
-Progress = Callable[[int, float, float], None]
 
 
 class TrainingPixels:
@@ -77,14 +67,9 @@ class TrainingPixels:
         """Draw pixels evenly: origins, directions, lights and colours on white, each (count, 3) float32."""
         views, height, width = self.colours.shape[:3]
         view, row, column = (generator.integers(size, size=count) for size in (views, height, width))
-        local = np.stack(
-            [
-                (column + 0.5 - width / 2) / self._focal,
-                (height / 2 - row - 0.5) / self._focal,
-                -np.ones(count),
-            ],
-            axis=1,
-        )
+        right = (column + 0.5 - width / 2) / self._focal
+        up = (height / 2 - row - 0.5) / self._focal
+        local = np.stack([right, up, -np.ones(count)], axis=1)
         directions = np.einsum("nij,nj->ni", self.cameras[view, :3, :3], local)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         parts = (
@@ -100,181 +85,54 @@ class TrainingPixels:
 
 
 def fit_scattering_function(
-    views: Product,
-    *,
-    steps: int | None = None,
-    budget_cpu_s: float | None = None,
-    batch_rays: int = BATCH_RAYS,
-    seed: int = 0,
-    device: str = "cpu",
-    checkpoint: Path | None = None,
-    progress: Progress | None = None,
+    views: Product, *, batch_rays: int = BATCH_RAYS, device: str = "cpu", **options: Any
 ) -> ScatteringFunction:
     """Fit ObjectFolder 1.0's VisionNet to the views that are not held out.
-
-    One thread computes. Equal arguments with `steps` give equal weights on one machine, whether or not a fit
-    was interrupted. With a budget the number of steps is what the time allowed; `training` tells.
 
     Parameters
     ----------
     views
         Product of `views.simulate_views`.
-    steps
-        Steps of the optimiser; the published length is `FULL_LENGTH`.
-    budget_cpu_s
-        CPU seconds of this process after which no step begins, those before an interruption included.
-        One of `steps` and `budget_cpu_s` must be given; with both, whichever ends first.
     batch_rays
         Rays a step.
-    seed
-        Of weights and draws.
     device
         Torch device.
-    checkpoint
-        File in which the fit is kept now and then and at its end, and from which it goes on.
-    progress
-        Called after each step with its number, loss, and the CPU seconds so far.
+    options
+        Of `fit`: `steps` (the published length is `FULL_LENGTH`) or `budget_cpu_s`, and `seed`.
 
     Raises
     ------
     InputError
-        Neither `steps` nor `budget_cpu_s`, nothing to train on, or a checkpoint of another fit.
+        Neither `steps` nor `budget_cpu_s`, or nothing to train on.
     """
-    if (steps is None and budget_cpu_s is None) or (steps or 0) < 0 or (budget_cpu_s or 0) < 0:
-        raise InputError(
-            "scattering function", f"steps {steps}, budget {budget_cpu_s} CPU s",
-            f"Give one that is not negative; the published length is {FULL_LENGTH} steps.",
-        )  # fmt: skip
-    pixels = TrainingPixels(views)
-    far = float(views.attributes["camera_radius"]) + BEHIND_CENTRE
-    fit = _Fit(seed, batch_rays, device, _described(views, seed, batch_rays))
-    if checkpoint is not None and checkpoint.exists():
-        fit.resume(checkpoint)
-    with _one_thread():
-        fit.run(pixels, far, steps, budget_cpu_s, checkpoint, progress)
-    return ScatteringFunction(
-        fit.coarse.eval(),
-        fit.fine.eval(),
-        float(views.attributes["camera_radius"]),
-        Training(len(fit.losses), batch_rays, np.array(fit.losses), fit.cpu_s, device),
-    )
+    pixels, place = TrainingPixels(views), torch.device(device)
+    radius = float(views.attributes["camera_radius"])
+    far = radius + BEHIND_CENTRE
 
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Sums over batches depend on the number of threads."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _described(views: Product, seed: int, batch_rays: int) -> dict[str, Any]:
-    """Return what must be the same for a fit to go on from a checkpoint."""
-    return {
-        "seed": seed,
-        "batch_rays": batch_rays,
-        "shape": list(views["rgba"].shape),
-        "lights": float(views["light_position"].sum()),
-        "radiance": float(views["rgba"].astype(np.float64).sum()),
-    }
-
-
-class _Fit:
-    """Networks, optimiser and what a checkpoint holds."""
-
-    def __init__(self, seed: int, batch_rays: int, device: str, described: dict[str, Any]) -> None:
-        self.seed, self.batch_rays, self.described = seed, batch_rays, described
-        self.device = torch.device(device)
-        self.coarse, self.fine = networks_of(seed, device)
-        self.parameters = [*self.coarse.parameters(), *self.fine.parameters()]
-        self.optimiser = torch.optim.Adam(self.parameters, lr=FIRST_RATE)
-        self.losses: list[float] = []
-        self.cpu_s = 0.0
-
-    def run(
-        self,
-        pixels: TrainingPixels,
-        far: float,
-        steps: int | None,
-        budget_cpu_s: float | None,
-        checkpoint: Path | None,
-        progress: Progress | None,
-    ) -> None:
-        """Take steps up to their number or the budget; save now and then, and at the end."""
-        start, saved_s = time.process_time() - self.cpu_s, self.cpu_s
-        while (steps is None or len(self.losses) < steps) and (
-            budget_cpu_s is None or self.cpu_s < budget_cpu_s
-        ):
-            self.step(pixels, far)
-            self.cpu_s = time.process_time() - start
-            if progress is not None:
-                progress(len(self.losses), self.losses[-1], self.cpu_s)
-            if checkpoint is not None and self.cpu_s - saved_s > CHECKPOINT_EVERY_S:
-                self.save(checkpoint)
-                saved_s = self.cpu_s
-        if checkpoint is not None:
-            self.save(checkpoint)
-
-    def step(self, pixels: TrainingPixels, far: float) -> None:
-        """Take one step; its draws depend on the seed and its number alone."""
-        generator = np.random.default_rng([self.seed, len(self.losses)])
-        origins, directions, lights, colours = pixels.draw(self.batch_rays, generator, self.device)
-        for group in self.optimiser.param_groups:
-            group["lr"] = FIRST_RATE * 0.1 ** (len(self.losses) / TENFOLD_FALL_STEPS)
+    def loss(networks: nn.ModuleList, generator: np.random.Generator) -> Tensor:
+        coarse, fine = networks
+        origins, directions, lights, colours = pixels.draw(batch_rays, generator, place)
 
         def uniform(samples: int) -> Tensor:
-            drawn = generator.random((self.batch_rays, samples), dtype=np.float32)
-            return torch.as_tensor(drawn, device=self.device)
+            drawn = generator.random((batch_rays, samples), dtype=np.float32)
+            return torch.as_tensor(drawn, device=place)
 
-        def error(network: ScatteringNetwork, distances: Tensor) -> tuple[Tensor, Tensor]:
+        def error(network: Any, distances: Tensor) -> tuple[Tensor, Tensor]:
             drawn = generator.standard_normal(tuple(distances.shape), dtype=np.float32)
-            noise = DENSITY_NOISE * torch.as_tensor(drawn, device=self.device)
+            noise = DENSITY_NOISE * torch.as_tensor(drawn, device=place)
             colour, shares = march(network, origins, directions, lights, distances, noise)
             on_background = colour + (1.0 - shares.sum(dim=1, keepdim=True))
             return (on_background - colours).square().mean(), shares
 
         distances = stratified(NEAR, far, uniform(COARSE_SAMPLES))
-        coarse_error, shares = error(self.coarse, distances)
-        fine_error, _ = error(self.fine, refined(distances, shares.detach(), uniform(FINE_SAMPLES)))
-        loss = coarse_error + fine_error
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        self.optimiser.step()
-        self.losses.append(float(loss.item()))
+        coarse_error, shares = error(coarse, distances)
+        return coarse_error + error(fine, refined(distances, shares.detach(), uniform(FINE_SAMPLES)))[0]
 
-    def save(self, path: Path) -> None:
-        """Write everything that the next step needs."""
-        tensors = {f"weight.{i}": value.detach().cpu().numpy() for i, value in enumerate(self.parameters)}
-        for index, state in self.optimiser.state_dict()["state"].items():
-            tensors[f"first_moment.{index}"] = state["exp_avg"].cpu().numpy()
-            tensors[f"second_moment.{index}"] = state["exp_avg_sq"].cpu().numpy()
-        tensors["losses"] = np.array(self.losses, dtype=np.float64)
-        write_tensor_file(path, TensorFile(tensors, {"fit": self.described, "cpu_s": self.cpu_s}))
-
-    def resume(self, path: Path) -> None:
-        """Go on from what `save` wrote."""
-        content = read_tensor_file(path)
-        if content.metadata.get("fit") != canonical_json(self.described):
-            raise InputError(
-                str(path), "a checkpoint of other views, seed or batch", "Delete it or name another file."
-            )
-        tensors = {name: torch.tensor(np.array(value)) for name, value in content.tensors.items()}
-        self.losses = content.tensors["losses"].tolist()
-        self.cpu_s = float(content.metadata["cpu_s"])
-        with torch.no_grad():
-            for index, parameter in enumerate(self.parameters):
-                parameter.copy_(tensors[f"weight.{index}"])
-        if self.losses:
-            state = self.optimiser.state_dict()
-            state["state"] = {
-                index: {
-                    "step": torch.tensor(float(len(self.losses))),
-                    "exp_avg": tensors[f"first_moment.{index}"],
-                    "exp_avg_sq": tensors[f"second_moment.{index}"],
-                }
-                for index in range(len(self.parameters))
-            }
-            self.optimiser.load_state_dict(state)
+    networks, training = fit(
+        lambda: nn.ModuleList([ScatteringNetwork(), ScatteringNetwork()]).to(place),
+        loss,
+        lambda step: FIRST_RATE * 0.1 ** (step / TENFOLD_FALL_STEPS),
+        **options,
+    )
+    coarse, fine = networks
+    return ScatteringFunction(coarse, fine, radius, training)

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import signal
 
-from bench.rivals.audio.branches import Branches, UnitRange
 from bench.rivals.audio.gains_network import GainsNetwork, fit_gains_network
-from bench.rivals.audio.spectrogram import (
+from bench.rivals.audio.spectrogram_network import (
     BINS,
     FRAMES,
     HOP,
@@ -17,24 +16,23 @@ from bench.rivals.audio.spectrogram import (
     SAMPLES,
     TRANSFORM,
     WINDOW,
-    inverse_spectrogram,
-    spectrogram,
-)
-from bench.rivals.audio.spectrogram_network import (
     SpectrogramNetwork,
     draw_entries,
     fit_spectrogram_network,
+    inverse_spectrogram,
+    spectrogram,
 )
 from bench.rivals.audio.vertex_mean import nearest_vertex_mean
-from bench.rivals.published_perceptron import UNREAD_PARAMETERS, encode, one_thread
+from bench.rivals.published import UNREAD_PARAMETERS, Perceptrons, UnitRange, encode, one_thread
 from objectfolder.errors import InputError
 from tests.drawn_examples import few_examples
 
 pytestmark = pytest.mark.release("bench.rivals")
 
 
-def parameters(network: torch.nn.Module) -> int:
-    return sum(parameter.numel() for parameter in network.parameters())
+def perceptrons(dimensions: int, outputs: int) -> Perceptrons:
+    """One perceptron for a unit force along each axis."""
+    return Perceptrons(dimensions, np.zeros((3, outputs)))
 
 
 def smooth_gains(points: np.ndarray) -> np.ndarray:
@@ -67,11 +65,11 @@ def spectrogram_network(points: np.ndarray, mode_sounds: np.ndarray) -> Spectrog
 
 def test_sizes_are_the_published_ones() -> None:
     """6.3 MB an object for 1.0's sound, in units of 2^20 bytes, the unread layers included."""
-    sound = Branches(5, 2)
-    assert parameters(sound) == 3 * 515_074
-    assert round(4 * (parameters(sound) + 3 * UNREAD_PARAMETERS) / 2**20, 1) == 6.3
+    sound = perceptrons(5, 2).weights
+    assert sound == 3 * 515_074
+    assert round(4 * (sound + 3 * UNREAD_PARAMETERS) / 2**20, 1) == 6.3
     for modes in (34, 1965):  # the least and most of 2.0
-        assert parameters(Branches(3, modes)) == 3 * (493_056 + 257 * modes)
+        assert perceptrons(3, modes).weights == 3 * (493_056 + 257 * modes)
 
 
 def test_coordinates_are_encoded_with_ten_octaves() -> None:
@@ -83,13 +81,15 @@ def test_coordinates_are_encoded_with_ten_octaves() -> None:
 
 
 def test_branches_are_apart_and_the_input_joins_at_the_sixth_layer() -> None:
-    network = Branches(3, 5)
-    assert [layer.in_features for layer in network.axes[0].hidden] == [63, *[256] * 4, 319, 256, 256]
+    network = perceptrons(3, 5)
+    for branch in network.branches:
+        torch.nn.init.xavier_uniform_(branch.output.weight)
+    assert [layer.in_features for layer in network.branches[0].hidden] == [63, *[256] * 4, 319, 256, 256]
     inputs = torch.rand(7, 3)
     before = network(inputs)
     with torch.no_grad():
-        network.axes[1].output.bias += 1
-        network.axes[2].hidden[5].weight[:, :63] += 1
+        network.branches[1].output.bias += 1
+        network.branches[2].hidden[5].weight[:, :63] += 1
     after = network(inputs)
     torch.testing.assert_close(after[:, 0], before[:, 0])
     torch.testing.assert_close(after[:, 1], before[:, 1] + 1)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.rivals.vision.ray_sampling import (
+from bench.rivals.vision.ray_marching import (
     LEAST_WEIGHT,
     evenly_spaced,
     inverse_cumulative,

@@ -5,14 +5,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.rivals.vision.transmittance import (
-    log_transmittance,
-    transmittance_by_product,
-    weights,
-    weights_by_product,
-)
+from bench.rivals.vision.ray_marching import log_transmittance, weights
 
+PRODUCT_FLOOR = 1e-10
 DEPTHS = arrays(np.float64, st.integers(1, 60), elements=st.floats(0, 40))
+
+
+def transmittance_by_product(optical_depths: torch.Tensor) -> torch.Tensor:
+    """Return the transmittance (..., n + 1) as a product of 1 - alpha + 1e-10, to show what that loses."""
+    alpha = 1.0 - torch.exp(-optical_depths)
+    return torch.cat(
+        [torch.ones_like(alpha[..., :1]), torch.cumprod(1.0 - alpha + PRODUCT_FLOOR, dim=-1)], dim=-1
+    )
+
+
+def weights_by_product(optical_depths: torch.Tensor) -> torch.Tensor:
+    """Return `weights` (..., n) in the common form, to show what it loses."""
+    alpha = 1.0 - torch.exp(-optical_depths)
+    return transmittance_by_product(optical_depths)[..., :-1] * alpha
 
 
 def uniform(extinction: float, length: float, samples: int) -> torch.Tensor:

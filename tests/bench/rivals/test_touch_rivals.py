@@ -8,15 +8,8 @@ import pytest
 import torch
 from touch_shapes import bumpy, psnr_db
 
-from bench.rivals.published_perceptron import OCTAVES, encode
-from bench.rivals.touch.deformation_network import (
-    DeformationNetwork,
-    fit_deformation_network,
-    render_deformation,
-)
-from bench.rivals.touch.fitting import RIVALS, fit_touch_rival
-from bench.rivals.touch.image_network import ImageNetwork, fit_image_network
-from bench.rivals.touch.perceptron import Perceptron
+from bench.rivals.published import OCTAVES, Perceptrons, encode
+from bench.rivals.touch.networks import FIRST, RIVALS, SECOND, fit_touch_network, render_deformation
 from objectfolder.errors import InputError
 from objectfolder.products.store import Product
 from objectfolder.touch.sensor.camera import no_contact_image
@@ -45,8 +38,8 @@ def test_the_networks_have_the_published_sizes() -> None:
     for dimensions, outputs in ((5, 3), (9, 1)):
         inputs = dimensions * 21
         by_hand = (inputs + 1) * 256 + 6 * 257 * 256 + (256 + inputs + 1) * 256 + 257 * outputs
-        assert Perceptron(dimensions, outputs).parameter_count == by_hand
-    assert 2.0e6 < 4 * Perceptron(5, 3).parameter_count < 2.1e6
+        assert Perceptrons(dimensions, np.zeros((1, outputs))).weights == by_hand
+    assert 2.0e6 < 4 * Perceptrons(5, np.zeros((1, 3))).weights < 2.1e6
 
 
 def test_coordinates_are_encoded_by_octaves() -> None:
@@ -59,7 +52,7 @@ def test_coordinates_are_encoded_by_octaves() -> None:
 
 
 def test_image_network_learns_the_touches_it_is_shown(touches: Product) -> None:
-    fitted = fit_image_network(touches, steps=150, batch_pixels=128)
+    fitted = fit_touch_network(FIRST, touches, steps=150, batch_pixels=128)
     losses = fitted.training.losses
     assert losses[-10:].mean() < 0.5 * losses[:5].mean()
     truth = training(touches, "rgb")
@@ -69,7 +62,7 @@ def test_image_network_learns_the_touches_it_is_shown(touches: Product) -> None:
 
 
 def test_deformation_network_learns_the_touches_it_is_shown(touches: Product) -> None:
-    fitted = fit_deformation_network(touches, steps=60, batch_pixels=128)
+    fitted = fit_touch_network(SECOND, touches, steps=60, batch_pixels=128)
     losses = fitted.training.losses
     assert losses[-10:].mean() < 0.5 * losses[:5].mean()
     truth = training(touches, "depth").astype(np.float64)
@@ -85,7 +78,7 @@ def test_deformation_network_learns_the_touches_it_is_shown(touches: Product) ->
 def test_a_seed_gives_the_same_network_and_batches_do_not_matter(touches: Product, name: str) -> None:
     def fitted(seed: int) -> Any:
         torch.manual_seed(np.random.default_rng().integers(2**31))  # nothing outside has a say
-        return fit_touch_rival(name, touches, steps=3, batch_pixels=64, seed=seed)
+        return fit_touch_network(name, touches, steps=3, batch_pixels=64, seed=seed)
 
     once, again, other = fitted(0), fitted(0), fitted(1)
     points, depth, tilt, azimuth = asked(touches)
@@ -101,8 +94,8 @@ def test_a_seed_gives_the_same_network_and_batches_do_not_matter(touches: Produc
 
 def test_only_the_second_network_knows_how_the_sensor_is_held(touches: Product) -> None:
     points = training(touches, "points")[:1]
-    first = fit_image_network(touches, steps=5, batch_pixels=64)
-    second = fit_deformation_network(touches, steps=5, batch_pixels=64)
+    first = fit_touch_network(FIRST, touches, steps=5, batch_pixels=64)
+    second = fit_touch_network(SECOND, touches, steps=5, batch_pixels=64)
     assert np.array_equal(first.render(points, 0.0005), first.render(points, 0.002, 15.0, 90.0))
     assert not np.array_equal(second.deformation(points, 0.0005), second.deformation(points, 0.002))
     assert not np.array_equal(
@@ -111,7 +104,7 @@ def test_only_the_second_network_knows_how_the_sensor_is_held(touches: Product) 
 
 
 def test_a_budget_of_no_seconds_leaves_the_mean(touches: Product) -> None:
-    fitted = fit_image_network(touches, budget_cpu_s=0.0)
+    fitted = fit_touch_network(FIRST, touches, budget_cpu_s=0.0)
     assert fitted.training.steps == 0
     colour = np.rint(training(touches, "rgb").mean(axis=(0, 1, 2)))
     assert np.abs(fitted.render(training(touches, "points")[:1]) - colour).max() <= 1
@@ -143,17 +136,16 @@ def test_a_gel_pushed_in_evenly_is_a_gel_that_stands_nearer() -> None:
 @pytest.mark.parametrize("options", [{}, {"steps": -1}, {"budget_cpu_s": -1.0}])
 def test_a_fit_needs_a_length(touches: Product, options: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="not negative"):
-        fit_touch_rival("ObjectFolder 1.0", touches, **options)
+        fit_touch_network("ObjectFolder 1.0", touches, **options)
 
 
 def test_what_cannot_be_fitted_or_asked_is_refused(touches: Product) -> None:
     with pytest.raises(InputError, match="unknown name"):
-        fit_touch_rival("ObjectFolder 3.0", touches, steps=1)
+        fit_touch_network("ObjectFolder 3.0", touches, steps=1)
     none = simulate_touches(bumpy(), SENSOR, touches=0, held_out_touches=1, samples=1)
     with pytest.raises(InputError, match="held out"):
-        fit_touch_rival("ObjectFolder 2.0", none, steps=1)
-    fitted: ImageNetwork | DeformationNetwork
-    for fitted in (fit_image_network(touches, steps=0), fit_deformation_network(touches, steps=0)):
+        fit_touch_network("ObjectFolder 2.0", none, steps=1)
+    for fitted in (fit_touch_network(FIRST, touches, steps=0), fit_touch_network(SECOND, touches, steps=0)):
         with pytest.raises(InputError, match="finite"):
             fitted.render(np.full((1, 3), np.nan))
         assert fitted.render(np.zeros((0, 3))).shape == (0, 32, 24, 3)
