@@ -54,11 +54,8 @@ def benches() -> dict[str, Path]:
     """Return the modules that ``python -m bench`` runs, by name."""
     paths = (path for folder in FOLDERS for path in (REPOSITORY / "bench" / folder).glob("*.py"))
     texts = {path: path.read_text(encoding="utf-8") for path in sorted(paths)}
-    # What has a guard is a process of a bench.
     return {
-        path.stem: path
-        for path, text in texts.items()
-        if "\ndef main() -> None:" in text and '__name__ == "__main__"' not in text
+        path.stem: path for path, text in texts.items() if "\ndef main()" in text and "arguments(" in text
     }
 
 

@@ -24,7 +24,6 @@ MODULES = {
     "vision_known": "senses/vision",
     "hard_scans": "senses/vision_objects",
     "hard_scans_known": "senses/vision_objects",
-    "scans": "factory/hundred",
 }
 
 

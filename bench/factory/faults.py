@@ -3,8 +3,7 @@
 Run as ``python -m bench faults``; it goes on where it was interrupted. Each round makes a data set
 of toys (three stages, four products an object, tasks of 50 to 200 ms; ``tests/pipeline/ground.py``) on two
 workers, kills workers, children of workers, the driver or the scheduler at random moments, and lets the run
-go on, or runs again, until all is made. A few rounds do so with the stages `objects` and `touches` of three
-starter objects, whose few tasks run in one child of the driver, without workers. A child that runs again what
+go on, or runs again, until all is made. A child that runs again what
 its kill cut short is spared: a second kill is a failure.
 """
 
@@ -26,9 +25,6 @@ sys.path.insert(0, str(REPOSITORY / "tests" / "pipeline"))
 from disturbed import ADDRESS, CHILD, DRIVER, LOCAL, SCHEDULER, TASK_S, WORKER, Round, undisturbed
 from ground import Ground
 
-from bench.factory.faults_real import RealGround
-from pipeline.intake.starter.write import write_starter_set
-
 CONTENTS = {f"object_{index:02}": f"{index}.5" for index in range(8)}
 
 
@@ -40,7 +36,6 @@ class Kind:
     what: str
     kills: int
     in_all: int
-    real: bool = False
 
 
 PLAN = {
@@ -51,10 +46,7 @@ PLAN = {
     "driver with a local cluster": Kind(LOCAL, DRIVER, 5, 30),
     "driver of a scheduler elsewhere": Kind(ADDRESS, DRIVER, 5, 20),
     "scheduler": Kind(ADDRESS, SCHEDULER, 5, 50),
-    "child, real stages": Kind(LOCAL, CHILD, 2, 2, real=True),
-    "driver, real stages": Kind(LOCAL, DRIVER, 2, 2, real=True),
 }
-REAL_TASK_S = 1.5
 COMPARED = (
     "products of disturbed runs against those of an undisturbed one, byte by byte; executions of each task "
     "and object, written down by the tasks themselves, against when their products stood; every product "
@@ -62,40 +54,10 @@ COMPARED = (
 )
 
 
-class Grounds:
-    """Makes the folders of rounds, and once what comes out without disturbance.
-
-    Parameters
-    ----------
-    base
-        Where.
-    """
-
-    def __init__(self, base: Path) -> None:
-        self._base = base
-        self._expected: dict[bool, dict[str, str]] = {}
-
-    def make(self, name: str, real: bool) -> Ground:
-        """Return a new one."""
-        if not real:
-            return Ground(self._base / name, CONTENTS)
-        meshes = self._base / "starter"
-        if not meshes.exists():
-            write_starter_set(meshes)
-        return RealGround(self._base / name, meshes)
-
-    def expected(self, real: bool) -> dict[str, str]:
-        """Return the digests of all products of an undisturbed run."""
-        if real not in self._expected:
-            self._expected[real] = undisturbed(self.make(f"undisturbed_{real:d}", real))
-        return self._expected[real]
-
-
-def one_round(grounds: Grounds, name: str, kind: Kind, seed: int) -> dict[str, Any]:
+def one_round(root: Path, expected: dict[str, str], kind: Kind, seed: int) -> dict[str, Any]:
     """Make a data set with kills; return what was done and what is wrong."""
-    expected = grounds.expected(kind.real)
-    ground = grounds.make(name, kind.real)
-    disturbed = Round(ground, kind.place, seed, REAL_TASK_S if kind.real else TASK_S)
+    ground = Ground(root, CONTENTS)
+    disturbed = Round(ground, kind.place, seed, TASK_S)
     disturbed.disturb([kind.what] * kind.kills)
     wrong = {key: value for key, value in disturbed.verdict(expected).items() if value}
     outcome = {"seed": seed, "commit": versions()["commit"], **disturbed.record(), "wrong": wrong}
@@ -147,14 +109,14 @@ def main() -> None:
     known = stored("faults")["figures"]["rounds"] if (RESULTS / "faults.json").exists() else {}
     rounds = {kind: [] if options.fresh and kind in options.only else known.get(kind, []) for kind in PLAN}
     base = Path(tempfile.mkdtemp(prefix="faults-"))
-    grounds = Grounds(base)
+    expected = undisturbed(Ground(base / "undisturbed", CONTENTS))
     # In turn, so that an interrupted bench has some of every kind.
     while lacking := [name for name in options.only if kills_of(rounds[name]) < PLAN[name].in_all]:
         for name in lacking:
             done = rounds[name]
             folder = f"{list(PLAN).index(name)}_{len(done)}"
             seed = random.Random(f"{name} {len(done)}").randrange(1 << 31)
-            done.append(one_round(grounds, folder, PLAN[name], seed))
+            done.append(one_round(base / folder, expected, PLAN[name], seed))
             print(folder, name, done[-1]["wrong"] or "as undisturbed", flush=True)
             record(rounds)
             if not (options.keep and done[-1]["wrong"]):

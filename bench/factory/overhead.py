@@ -1,22 +1,18 @@
 """Overhead of the factory with a thousand objects: runs with nothing or one object to do, and the status.
 
 Run as ``python -m bench overhead``. The stages, their code and DVC are the real ones, the task bodies
-trivial (`bench.factory.overhead_repository`). The rival has a DVC stage for every object. CPU seconds include
-child processes; on a busy machine they grow, and so does the measure beside them, importing numpy.
+trivial (`bench.factory.overhead_repository`). CPU seconds include child processes; on a busy machine they
+grow, and so does the measure beside them, importing numpy.
 """
 
 import json
-import shutil
 import statistics
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from bench.factory.overhead_repository import REPOSITORY, OverheadRepository, stage_per_object
+from bench.factory.overhead_repository import REPOSITORY, OverheadRepository
 from bench.record import arguments, conclude, cpu_seconds
 from pipeline.dataset.stages import STAGES
 
@@ -80,44 +76,14 @@ def populate(root: Path) -> tuple[str, ...]:
     return "env", f"PYTHONPATH={root}", "python", str(script)
 
 
-def measure_rival(root: Path, objects: int) -> dict[str, Any]:
-    """Return CPU seconds of one DVC stage per object, for a few objects and one of the six products."""
-    repository = OverheadRepository(root, objects)
-    command = "cp meshes/${item.name}.obj made/${item.name}.txt"
-    stages = stage_per_object(repository.ids, command)
-    (root / "dvc.yaml").write_text(yaml.safe_dump(stages))
-    (root / "made").mkdir()
-    figures: dict[str, Any] = {"objects": objects, "stages": 1}
-    figures["first_cpu_s"] = seconds_of(lambda: repository.run("dvc", "repro"))
-    figures["nothing_to_do_cpu_s"] = seconds_of(lambda: repository.run("dvc", "repro"))
-    repository.write_mesh(repository.ids[0], 0.7)
-    figures["one_changed_cpu_s"] = seconds_of(lambda: repository.run("dvc", "repro"))
-    print(f"rival: {figures}", flush=True)
-    return figures
-
-
-def measure_dvc(root: Path) -> float:
-    """Return CPU seconds of a repro of no stages."""
-    repository = OverheadRepository(root, 0)
-    (root / "dvc.yaml").write_text("stages: {}\n")
-    return seconds_of(lambda: repository.run("dvc", "repro"))
-
-
-def summary(ours: dict[str, Any], rival: dict[str, Any], start: float) -> dict[str, Any]:
-    """Return medians against the bars, and the rival's cost an object carried on to as many objects."""
+def summary(ours: dict[str, Any]) -> dict[str, Any]:
+    """Return medians against the bars."""
     medians = {name: statistics.median(values) for name, values in ours["cpu_s"].items()}
-    share = ours["stages"] * ours["objects"] / rival["objects"]
     return {
         **ours,
         "median_cpu_s": medians,
         "bars_cpu_s": BARS,
         "meets_bar": {name: medians[name] <= bar for name, bar in BARS.items()},
-        "rival": rival,
-        "rival_extrapolated_cpu_s": {
-            key.removesuffix("_cpu_s").replace("_", " "): start + (rival[key] - start) * share
-            for key in ("first_cpu_s", "nothing_to_do_cpu_s", "one_changed_cpu_s")
-        },
-        "dvc_alone_cpu_s": start,
     }
 
 
@@ -125,22 +91,15 @@ def main() -> None:
     """Measure, write the results and say them."""
     parser = arguments(__doc__)
     parser.add_argument("--objects", type=int, default=1000)
-    parser.add_argument("--rival-objects", type=int, default=50)
     parser.add_argument("--rounds", type=int, default=3)
     given = parser.parse_args()
-    work = Path(tempfile.mkdtemp(prefix="overhead-"))
-    try:
-        ours = measure(work / "ours", given.objects, given.rounds)
-        rival = measure_rival(work / "rival", given.rival_objects)
-        start = measure_dvc(work / "none")
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-    figures = summary(ours, rival, start)
+    with tempfile.TemporaryDirectory(prefix="overhead-", ignore_cleanup_errors=True) as work:
+        figures = summary(measure(Path(work) / "ours", given.objects, given.rounds))
     conclude(
         "overhead",
         figures,
-        {**vars(given), "python": sys.version.split()[0]},
+        vars(given),
         "CPU seconds, child processes included, of `dvc repro`, `dvc status` and `objectfolder status` over "
-        "trivial tasks; the rival is one DVC stage per object, one product of six, carried on in proportion.",
+        "trivial tasks.",
     )
-    print(json.dumps({key: figures[key] for key in ("median_cpu_s", "rival_extrapolated_cpu_s")}))
+    print(json.dumps(figures["median_cpu_s"]))

@@ -11,7 +11,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from bench.record import REPOSITORY
@@ -183,25 +182,3 @@ def write_trivial_body(path: Path) -> None:
     body = BODIES[path.stem].replace("CHUNKS", str(CHUNKS.get(stage, 0)))
     body = body.replace("BYTES", str(ATTRIBUTE_BYTES.get(stage, 12_000)))
     path.write_text(HEADER + body + "\n\ndef real():\n" + "".join(f"    {line}\n" for line in imports))
-
-
-def stage_per_object(names: Sequence[str], command: str) -> dict[str, object]:
-    """Return ``dvc.yaml`` of the rival: a stage of a matrix for every object.
-
-    Parameters
-    ----------
-    names
-        Objects.
-    command
-        What makes one product; ``${item.name}`` is the object.
-    """
-    return {
-        "stages": {
-            "make": {
-                "matrix": {"name": list(names)},
-                "cmd": command,
-                "deps": ["meshes/${item.name}.obj"],
-                "outs": ["made/${item.name}.txt"],
-            }
-        }
-    }

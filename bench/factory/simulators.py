@@ -6,7 +6,6 @@ Engines that are not installed are left out, and named: `pip install pybullet dr
 and rows are kept in FOLDER and not made again, so that a run can be stopped and taken up.
 """
 
-import os
 import time
 import traceback
 from importlib.metadata import PackageNotFoundError, version
@@ -23,7 +22,7 @@ from bench.factory.engines import (
     rest_in_pybullet,
     slide_in_mujoco,
 )
-from bench.record import conclude, cpu_seconds, kept
+from bench.record import conclude, cpu_seconds, rows_of
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.errors import ObjectFolderError
 from objectfolder.mesh.body import solid_properties, topology_of
@@ -46,15 +45,10 @@ RESTS = {"moved_m": 2e-3, "tilted_deg": 2.0, "speed": 1e-3, "overlap_m": 2e-4}
 
 
 def main() -> None:
-    parser = scan_arguments("scans as assets of simulators", "assets and rows")
-    parser.add_argument("--only", nargs="+", metavar="ID")
-    given = parser.parse_args()
+    given = scan_arguments("scans as assets of simulators", "assets and rows", only=()).parse_args()
     scans = Scans(given.objects)
-    table = {}
-    for name in given.only or scans.ids:
-        path = given.folder / f"{name}.json"
-        table[name] = kept(path, lambda at=name: measure(scans, at, given.folder / at))
-        print(name, table[name], flush=True)
+    names = given.only or scans.ids
+    table = rows_of(names, lambda name: measure(scans, name, given.folder / name), given.folder)
     conclude("simulators", figures(table), settings(), COMPARED)
 
 
@@ -67,7 +61,6 @@ def settings() -> dict[str, Any]:
             versions[package] = "not installed"
     return {
         "engines": versions,
-        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
         "times": "CPU seconds",
         "at_rest": RESTS,
     }

@@ -6,13 +6,12 @@ Solved modes are read from FOLDER as ``id.zarr.zip``, or solved and written ther
 beside them as ``id.json`` and not measured again: remove the rows when the code has changed.
 """
 
-import os
 import time
 from pathlib import Path
 
 import numpy as np
 
-from bench.record import conclude, kept
+from bench.record import conclude, rows_of, spread
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.audionet.fitting import fit_audionet
@@ -58,21 +57,14 @@ PUBLISHED = {"stft": 0.19e-5, "envelope": 1.29e-4}
 
 
 def main() -> None:
-    """Measure the objects, and write the table and the picture."""
-    parser = scan_arguments("AudioNet on real objects", "solved modes")
-    parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS, metavar="ID")
-    given = parser.parse_args()
+    """Measure the objects."""
+    given = scan_arguments("AudioNet on real objects", "solved modes", only=OBJECTS).parse_args()
     scans = Scans(given.objects)
-    table = {}
-    for name in given.only:
-        row = kept(given.folder / f"{name}.json", lambda at=name: measure(scans, at, given.folder))
-        table[name] = {key: value for key, value in row.items() if key != "commit"}
-        print(name, " ".join(f"{key} {value:.4g}" for key, value in table[name].items()), flush=True)
-    columns = list(next(iter(table.values())))
+    table = rows_of(given.only, lambda name: measure(scans, name, given.folder), given.folder)
+    columns = [key for key in next(iter(table.values())) if key != "commit"]
     figures = {
         "objects": table,
-        "median": {key: float(np.median([row[key] for row in table.values()])) for key in columns},
-        "largest": {key: max(row[key] for row in table.values()) for key in columns},
+        "spread": {key: spread(table.values(), key, max) for key in columns},
         "published_objectfolder_2": PUBLISHED,
         "objects_below_published": {
             key: sum(row[key] < bar for row in table.values())
@@ -92,7 +84,6 @@ def main() -> None:
         "most_modes": MOST_MODES,
         "sounds": f"{SOUNDS} unit impulses along x, y, z in turn at held-out points, {DURATION_S} s, "
         f"{SAMPLE_RATE_HZ} Hz",
-        "threads": os.environ.get("OPENBLAS_NUM_THREADS", "all"),
         "times": "CPU seconds",
     }
     compared = (

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept, rows_of, spread
 from objectfolder.fidelity.conditions import measure_conditions
 from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_attributes, read_product, write_product
@@ -59,25 +59,13 @@ def _render(data: Path, name: str, path: Path) -> dict[str, float]:
 
 def main() -> None:
     """Measure everything that is not in the folder yet."""
-    parser = arguments(__doc__)
-    parser.add_argument("--folder", type=Path, required=True, help="where truths and rows are kept")
+    parser = arguments(__doc__, keeps="truths and rows", only=())
     parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
-    parser.add_argument("--only", nargs="+", help="ids of the objects to measure")
     given = parser.parse_args()
     names = given.only or sorted(path.stem for path in (given.data / "object_files").glob("*.safetensors"))
-    rows = {
-        name: kept(given.folder / f"{name}.row.json", partial(measured, given.data, name, given.folder))
-        for name in names
-    }
-    summary: dict[str, Any] = {}
-    for key in (
-        *(f"psnr_{name}_db" for name in CONDITIONS),
-        *(f"noise_floor_{name}_db" for name in CONDITIONS),
-    ):
-        values = [row[key] for row in rows.values() if key in row]
-        summary[key] = {"mean": float(np.mean(values)), "worst": min(values)} if values else None
-    for key in ("truth_cpu_s", "measures_cpu_s"):
-        values = [row[key] for row in rows.values()]
-        summary[key] = {"mean": float(np.mean(values)), "most": max(values)}
+    rows = rows_of(names, lambda name: measured(given.data, name, given.folder), given.folder / "rows")
+    keys = (f"{figure}_{name}_db" for figure in ("psnr", "noise_floor") for name in CONDITIONS)
+    summary = {key: spread(rows.values(), key) for key in keys}
+    summary |= {key: spread(rows.values(), key, max) for key in ("truth_cpu_s", "measures_cpu_s")}
     settings = {"views": VIEWS, "samples": SAMPLES, "conditions": {k: vars(v) for k, v in CONDITIONS.items()}}
     conclude("conditions", {"summary": summary, "objects": rows}, settings, COMPARED)

@@ -143,6 +143,5 @@ def main() -> None:
         "frames": FRAMES,
         "runs": RUNS,
         "turn_rad": TURN_RAD,
-        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }
     conclude("demo", figures(), settings, COMPARED)

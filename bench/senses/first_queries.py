@@ -44,11 +44,12 @@ print(json.dumps([*spent, compiled]))
 COMPARED = "CPU seconds of the first query in a fresh installation, in a new process, and of the next"
 
 
-def asked(query: str, cache: str) -> list[float]:
+def asked(query: str, folder: str = ".", **environment: str) -> list[float]:
     """CPU seconds of the first and the second query of a process, and how many kernels it compiled."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, query], check=True, capture_output=True, text=True,
-        env={**os.environ, "NUMBA_CACHE_DIR": cache},
+        [sys.executable, "-c", PROGRAM, query], check=True, capture_output=True, text=True, cwd=folder,
+        env=plain | environment,
     )  # fmt: skip
     numbers: list[float] = json.loads(done.stdout)
     return numbers
@@ -56,16 +57,10 @@ def asked(query: str, cache: str) -> list[float]:
 
 def asked_of_wheel(query: str, wheel: Path) -> list[float]:
     """What `asked` returns, of the wheel as it is unpacked."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     with tempfile.TemporaryDirectory() as site:
         with ZipFile(wheel) as archive:
             archive.extractall(site)
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, query], check=True, capture_output=True, text=True, cwd=site,
-            env={**environment, "PYTHONPATH": site},
-        )  # fmt: skip
-    numbers: list[float] = json.loads(done.stdout)
-    return numbers
+        return asked(query, site, PYTHONPATH=site)
 
 
 def measured(query: str, rounds: int, wheel: Path) -> dict[str, Any]:
@@ -73,8 +68,8 @@ def measured(query: str, rounds: int, wheel: Path) -> dict[str, Any]:
     fresh, known, of_wheel = [], [], [asked_of_wheel(query, wheel) for _ in range(rounds)]
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as cache:
-            fresh.append(asked(query, cache))
-            known.append(asked(query, cache))
+            fresh.append(asked(query, NUMBA_CACHE_DIR=cache))
+            known.append(asked(query, NUMBA_CACHE_DIR=cache))
     return {
         "fresh_installation_cpu_s": min(first for first, _, _ in fresh),
         "all_fresh_installations_cpu_s": [first for first, _, _ in fresh],

@@ -8,7 +8,6 @@ Then many bodies ring at once, each struck once a second: mugs, and bodies of 10
 over and over. What takes the seconds is told apart.
 """
 
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -224,4 +223,4 @@ def main() -> None:
         "hundred_modes": {"full": quickest(lambda: ringing(with_modes(MODES), 20))},
     }
     settings = {"seconds": SECONDS, "step_s": STEP_S, "block": BLOCK, "rate_hz": RATE_HZ, "runs": RUNS}
-    conclude("live", figures, settings | {"threads": os.environ.get("OMP_NUM_THREADS", "all")}, COMPARED)
+    conclude("live", figures, settings, COMPARED)

@@ -100,6 +100,5 @@ def main() -> None:
     settings = {
         "objects": NAMES,
         "warm_s": WARM_S,
-        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }
     conclude("live_page", figures, settings, COMPARED)

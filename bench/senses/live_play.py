@@ -10,7 +10,6 @@ the largest lag is what the seconds of one core say. The first two seconds, in w
 need, are not counted. Then single queries are timed, of the kinds that ObjectFolder 2.0 tells the time of.
 """
 
-import os
 from contextlib import AbstractContextManager, nullcontext
 from time import process_time
 from typing import Any
@@ -155,6 +154,5 @@ def main() -> None:
     settings = {
         "objects": NAMES, "step_s": STEP_S, "block": BLOCK, "rate_hz": RATE_HZ, "runs": RUNS,
         "touches_hz": TOUCHES_HZ, "views_hz": VIEWS_HZ, "pixels": PIXELS,
-        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
     }  # fmt: skip
     conclude("live_play", {"played": best, "queries": queries()}, settings, COMPARED)

@@ -7,7 +7,6 @@ Images, forces and markers of both are asked for after every few steps; what tak
 The environment `Squeeze` is stepped. Then a ball on a half-space is sheared, against Cattaneo and Mindlin.
 """
 
-import os
 from typing import Any
 
 import numpy as np
@@ -145,5 +144,5 @@ def main() -> None:
         "cattaneo_mindlin": sheared_balls(),
     }
     settings = {"step_s": STEP_S, "steps_between": BETWEEN, "squeeze_n": SQUEEZE_N, "friction": FRICTION}
-    settings |= {"runs": RUNS, "threads": os.environ.get("OMP_NUM_THREADS", "all")}
+    settings["runs"] = RUNS
     conclude("live_touch", figures, settings, COMPARED)

@@ -87,10 +87,7 @@ def differences(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
-    parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS)
-    given = parser.parse_args()
+    given = arguments(__doc__, keeps="rows", only=OBJECTS).parse_args()
     rows = {}
     for name in given.only:
         row = kept(given.folder / f"loss_{name}.json", partial(measure, given.folder, name))

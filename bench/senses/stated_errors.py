@@ -8,14 +8,13 @@ modes matched in ascending order. Rows are kept in FOLDER and not measured again
 off goes on. The numbers of the statement were chosen on `FITTED`.
 """
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from bench.record import arguments, conclude, cpu_seconds, kept
+from bench.record import arguments, conclude, cpu_seconds, rows_of
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, MAX_MODES, compare
 from bench.senses.catalogue import MATERIALS
 from objectfolder.audio.materials import Material, read_materials
@@ -109,14 +108,7 @@ def together(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = arguments(__doc__)
-    parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
-    parser.add_argument("--only", nargs="+", default=[*BODIES, *CUBOIDS], choices=[*BODIES, *CUBOIDS])
-    given = parser.parse_args()
-    rows = {}
-    for name in given.only:
-        rows[name] = kept(given.folder / f"{name}.json", lambda at=name: measure(at))
-        shown = ("modes", "modes_of_reference", "median_cents", "worst_cents", "cpu_s")
-        print(name, {key: rows[name].get(key) for key in shown}, flush=True)
+    given = arguments(__doc__, keeps="rows", only=[*BODIES, *CUBOIDS]).parse_args()
+    rows = rows_of(given.only, measure, given.folder)
     settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": ACCURACY_CENTS, "radiation": SPHERE}
     conclude("stated_errors", figures(rows), settings, COMPARED)

@@ -61,9 +61,8 @@ class VertexShaded(Surface):
 
 
 def main() -> None:
-    parser = scan_arguments("touch against TACTO 0.0.3", "TACTO's images")
+    parser = scan_arguments("touch against TACTO 0.0.3", "TACTO's images", only=VARIED[:10])
     parser.add_argument("--python", type=Path, required=True, help="of the environment that has TACTO")
-    parser.add_argument("--only", nargs="+", default=list(VARIED[:10]), help="ids of the objects")
     parser.add_argument("--poses", type=int, default=8, help="of each object")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

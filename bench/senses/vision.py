@@ -27,7 +27,7 @@ from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
 from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.subject import Subject, ViewCounts
-from bench.senses.vision_outcome import COMPARED, draw, figures_of
+from bench.senses.vision_outcome import COMPARED, figures_of
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
 from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, on_white
@@ -79,9 +79,8 @@ def main() -> None:
             )
     # Of earlier runs too, so that sizes and objects can be measured in parts.
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.folder.glob("*.row.json"))]
-    known = given.material == "known"
-    name, picture = ("vision_known", None) if known else ("vision", draw)
-    conclude(name, figures_of(rows), settings(given, rows), COMPARED, picture)
+    record = "vision_known" if given.material == "known" else "vision"
+    conclude(record, figures_of(rows), settings(given, rows), COMPARED)
 
 
 def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:

@@ -1,10 +1,8 @@
-"""What `bench.senses.vision` measured, as means over objects, equal-error comparisons and a picture."""
+"""What `bench.senses.vision` measured, as means over objects, and at equal error."""
 
 from typing import Any
 
 import numpy as np
-
-from bench.record import save, subplots
 
 COMPARED = (
     "VisionNet over its knob, Cycles over samples, ObjectFolder 1.0's network, textures unlit, lit and "
@@ -14,16 +12,6 @@ COMPARED = (
 # Errors of the foreground at which CPU seconds are compared with those of Cycles.
 FOREGROUND_DB = 40.0, 45.0, 50.0
 MEASURES = ("psnr_db", "psnr_foreground_db", "ssim", "cpu_s", "cpu_s_alone", "bytes", "training_cpu_s")
-LOOKS = {
-    "VisionNet, compiled": ("tab:blue", "o-"),
-    "VisionNet, reference": ("tab:cyan", "o-"),
-    "Cycles": ("tab:red", "s-"),
-    "ObjectFolder 1.0 network": ("tab:purple", "D"),
-    "unlit texture": ("tab:gray", "v"),
-    "lambert texture": ("tab:olive", "^"),
-    "shadowed lambert texture": ("tab:green", "P"),
-}
-OTHER_LOOK = ("tab:brown", "o-")
 
 
 def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -82,59 +70,3 @@ def at_foreground(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
             "not_reached": missed,
         }
     return compared
-
-
-def label(way: dict[str, Any], most_objects: int) -> str:
-    """Name of a way with what sets it apart from the others in a picture."""
-    trained = "" if way["training_cpu_s"] is None else f", {way['training_cpu_s']:.0f} CPU s of training"
-    objects = "" if way["objects"] == most_objects else f", {way['objects']} of {most_objects} objects"
-    return f"{way['way']}{trained}{objects}"
-
-
-def draw(figures: dict[str, Any]) -> None:
-    """PSNR against seconds and against bytes, a row a size."""
-    means = figures["mean_over_objects"]
-    floors = {
-        size: np.mean([row["truth_noise_floor_db"] for row in figures["rows"] if str(row["size"]) == size])
-        for size in means
-    }
-    figure, axes = subplots(
-        len(means), 2, figsize=(12, 4.4 * len(means)), squeeze=False, sharey="row", layout=None
-    )
-    for (size, found), (by_time, by_size) in zip(means.items(), axes, strict=True):
-        objects = max(way["objects"] for way in found)
-        for title in dict.fromkeys(way["way"] for way in found):
-            ways = [way for way in found if way["way"] == title]
-            colour, mark = LOOKS.get(title, OTHER_LOOK)
-            if ways[0]["cpu_s"] is None:
-                trivial = ways[0]["psnr_db"]
-                by_time.axhline(trivial, color="black", lw=0.8, ls=":", label=f"{title} in the true outline")
-                continue
-            errors = [way["psnr_db"] for way in ways]
-            by_time.plot(
-                [way["cpu_s"] for way in ways], errors, mark, color=colour, label=label(ways[0], objects)
-            )
-            by_size.plot([way["bytes"] / 1e6 for way in ways], errors, mark[0], color=colour)
-            if ways[0]["cpu_s_alone"] is not None:
-                seconds = [way["cpu_s_alone"] for way in ways]
-                by_time.plot(
-                    seconds, errors, "s--", mfc="none", color=colour, label=f"{title}, one view alone"
-                )
-            for way in ways:
-                if way["setting"] is not None:
-                    by_time.annotate(
-                        str(way["setting"]), (way["cpu_s"], way["psnr_db"]), fontsize=7,
-                        xytext=(3, -9), textcoords="offset points",
-                    )  # fmt: skip
-        by_time.set(xscale="log", xlabel="CPU seconds a view, one thread", ylabel="PSNR on white, dB")
-        by_time.set_title(
-            f"{size} x {size}, objects: {objects}; noise floor of the truth {floors[size]:.0f} dB",
-            fontsize=10,
-        )
-        by_size.set(xlabel="MB", xlim=(0, None))
-        by_time.grid(alpha=0.3)
-        by_size.grid(alpha=0.3)
-    handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8)
-    figure.tight_layout(rect=(0, 0.5 / figure.get_figheight(), 1, 1))
-    save(figure, "vision")
