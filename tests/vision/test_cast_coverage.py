@@ -6,7 +6,7 @@ from vision_shapes import cube, sphere
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.truth.coverage import with_cast_coverage
+from objectfolder.vision.truth.passes import with_cast_coverage
 from objectfolder.vision.truth.render_request import Scene, unit_scene
 
 POSES, WIDTH = look_at(np.array([[0.0, -2.5, 0.0], [0.0, -2.5, 0.0]])), 16

@@ -14,9 +14,9 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import look_at, pixel_rays, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.environment import named_map
-from objectfolder.vision.truth.coverage import with_cast_coverage
 from objectfolder.vision.truth.cycles_process import render_series
-from objectfolder.vision.truth.glass_alpha import with_alpha_apart
+from objectfolder.vision.truth.glass import with_alpha_apart
+from objectfolder.vision.truth.passes import with_cast_coverage
 from objectfolder.vision.truth.render_request import Scene, Shots
 
 # Pixels a side of the part of each image that is rendered.

@@ -20,7 +20,7 @@ from objectfolder.child_process import end_with
 from objectfolder.device import CPU, device_kind, missing_device
 from objectfolder.errors import SimulationError
 from objectfolder.vision.cameras import image_box
-from objectfolder.vision.truth.glass_nodes import make_thin_glass
+from objectfolder.vision.truth.glass import make_thin_glass
 from objectfolder.vision.truth.render_request import (
     FACES_WITH_HOLES,
     Scene,

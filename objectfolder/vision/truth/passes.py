@@ -3,6 +3,9 @@
 They are cast through the pixel centres here rather than taken from Cycles, whose passes are of another kind:
 depth is that of one random sample of the pixel, normal and colour are means over its samples, which at
 silhouettes and creases belong to no point of the surface. Casting costs about a hundredth of a render.
+
+How much of a pixel the object covers is cast by many rays, too: the renderer's own share is the noise of
+silhouettes. At 256 paths nine tenths of the squared error of a bell of metal lie in the alpha of its outline.
 """
 
 from collections.abc import Mapping
@@ -13,13 +16,17 @@ import numpy as np
 from objectfolder.mesh.normal_maps import MappedNormals
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.texture_lookup import bilinear
-from objectfolder.vision.cameras import image_box, pixel_rays
+from objectfolder.vision.cameras import image_box, pixel_rays, sub_ray_offsets
 from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.truth.render_request import FACES_WITH_HOLES, Scene
 
 # A surface that blends counts from this coverage on, and one that is cut from its cutoff on.
 SEEN_FROM_ALPHA = 0.5
 PIXEL_CENTRE = np.array([[0.5, 0.5]])
+# Two casts of a chain and a clamp agree within 56 dB at their outlines; 256 paths have 45.
+COVERAGE_RAYS = 1024
+# Pixels cast at a time: 100 MB.
+PIXELS_AT_ONCE = 512
 
 
 @dataclass(frozen=True)
@@ -170,3 +177,42 @@ def _shading_normals(
     bent = np.where(bent.any(axis=1, keepdims=True), bent, facet)
     # The side seen decides where a normal points, as in Cycles.
     return np.where(np.einsum("ij,ij->i", facet, directions)[:, None] > 0, -bent, bent)
+
+
+def with_cast_coverage(
+    scene: Scene, rgba: np.ndarray, camera_to_world: np.ndarray, seeds: np.ndarray, field_of_view_deg: float
+) -> np.ndarray:
+    """Return rendered views with the alpha of pixels that the object covers in part cast anew.
+
+    The straight colour of a pixel stays. A texture's alpha is the renderer's to judge, so a scene with
+    holes, or of thin glass, stays as it is.
+
+    Parameters
+    ----------
+    scene
+        What was rendered.
+    rgba
+        (n, h, w, 4) premultiplied.
+    camera_to_world, field_of_view_deg
+        (n, 4, 4) poses in the unit frame, and the angle over the longer side.
+    seeds
+        (n,) of the lattices of rays: equal views with other seeds are cast independently.
+    """
+    if scene.lets_through:
+        return rgba
+    surface, offsets = Surface(scene.vertices, scene.faces), sub_ray_offsets(COVERAGE_RAYS)
+    height, width = rgba.shape[1:3]
+    result = rgba.copy()
+    for view, pose in enumerate(camera_to_world):
+        random = np.random.default_rng(int(seeds[view]))
+        pixels = result[view].reshape(-1, 4)
+        partly = np.flatnonzero((pixels[:, 3] > 0) & (pixels[:, 3] < 1))
+        for places in np.split(partly, range(PIXELS_AT_ONCE, len(partly), PIXELS_AT_ONCE)):
+            shifted = (offsets + random.random((len(places), 1, 2))) % 1.0
+            hits = surface.ray_hits(*pixel_rays(pose, places, shifted, (height, width), field_of_view_deg))
+            alpha = (hits.face >= 0).reshape(-1, COVERAGE_RAYS).mean(axis=1)
+            rendered = pixels[places].astype(np.float64)
+            # What no ray meets is thinner than the rays are apart: the renderer's share is all that is known.
+            alpha = np.where(alpha > 0, alpha, rendered[:, 3])
+            pixels[places] = rendered * (alpha / rendered[:, 3])[:, None]
+    return result

@@ -22,10 +22,9 @@ from objectfolder.vision.cameras import (
 )
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.truth.conditions import render_conditions
-from objectfolder.vision.truth.coverage import with_cast_coverage
 from objectfolder.vision.truth.cycles_process import render_series
-from objectfolder.vision.truth.glass_alpha import with_alpha_apart
-from objectfolder.vision.truth.passes import Passes, cast_passes
+from objectfolder.vision.truth.glass import with_alpha_apart
+from objectfolder.vision.truth.passes import Passes, cast_passes, with_cast_coverage
 from objectfolder.vision.truth.render_request import (
     BOUNCES,
     LIGHT_POWER_W,
