@@ -13,7 +13,6 @@ from scipy import ndimage, sparse
 
 from bench.record import Stopwatch
 from bench.rivals.audio.voxel_grid import VoxelGrid, voxelise
-from objectfolder.audio.damping import RAYLEIGH, damping_of
 from objectfolder.audio.materials import Material
 from objectfolder.audio.modes.eigen import DENSE, Pencil, count_below, lowest_elastic, rigid_motions
 from objectfolder.errors import SimulationError
@@ -22,41 +21,27 @@ from objectfolder.surface.surface import Surface
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-# Eigenvalues nearer to one another than this share are one: a limit does not part them.
-GAP = 1e-6
 
 
 @dataclass(frozen=True)
 class VoxelModes:
-    """Elastic modes of a body of cubes, ascending.
+    """Elastic modes of a body of cubes.
 
     Attributes
     ----------
-    frequencies_hz : (modes,) float64 damped, sqrt(lambda - c^2) / 2 pi; 0 where a mode does not ring
-    eigenvalues : (modes,) float64 undamped lambda = omega^2, rad^2/s^2
-    dampings_per_s : (modes,) float64 c = (alpha + beta lambda) / 2
-    vectors : (n, 3, modes) float64, u^T M u = 1, kg^-1/2
-    nodes : (n, 3) float64 vertices of the cubes, metres
+    eigenvalues : (modes,) float64 undamped lambda = omega^2, rad^2/s^2, ascending; all below the limit
     components : bodies joined through faces
-    mass_kg : of the cubes
     mass_ratio : volume of the cubes over that within the surface; None where the surface encloses none
-    unknowns : 3 n
+    unknowns : three a vertex
     cells : full cubes
-    limit_hz : undamped frequency below which every mode is here: counted by inertia, or all were computed
     cpu_s : CPU seconds of the steps ``voxelise``, ``assemble``, ``solve`` and ``count``
     """
 
-    frequencies_hz: Floats
     eigenvalues: Floats
-    dampings_per_s: Floats
-    vectors: Floats
-    nodes: Floats
     components: int
-    mass_kg: float
     mass_ratio: float | None
     unknowns: int
     cells: int
-    limit_hz: float
     cpu_s: dict[str, float]
 
 
@@ -68,7 +53,6 @@ def voxel_modes(
     rule: str = "touch",
     max_frequency_hz: float = 20000.0,
     max_modes: int = 256,
-    seed: int = 0,
 ) -> VoxelModes:
     """Elastic modes below a frequency of the cubes that stand for a surface.
 
@@ -79,16 +63,14 @@ def voxel_modes(
     resolution, rule
         See `voxelise`.
     max_modes
-        Where more modes lie below the limit, the lowest are kept and the limit is put in the last gap.
-    seed
-        Of the solver's start.
+        Of a body joined through faces.
 
     Raises
     ------
     InputError
         From `voxelise`.
     SimulationError
-        When the inertia count and the modes found differ after a second search.
+        When the inertia count and the modes of a body differ after a second search.
     """
     watch = Stopwatch()
     with watch.step("voxelise"):
@@ -97,82 +79,25 @@ def voxel_modes(
     # Lengths in cells and the mass of one cell as 1: omega^2 = eta^2 (c_s / edge)^2.
     radians = material.shear_speed_m_s / grid.edge_m
     below = (2 * np.pi * max_frequency_hz / radians) ** 2
-    bodies, limit = _solve_bodies(
-        hexahedra, nodes, body, material.poisson_ratio, below, max_modes, seed, watch
-    )
-    with watch.step("solve"):
-        values, vectors, limit = _together(bodies, len(nodes), limit, max_modes)
-    eigenvalues = values * radians**2
-    dampings = damping_of(material, RAYLEIGH).decay_rates(eigenvalues)
-    volume = len(hexahedra) * grid.edge_m**3
-    enclosed = _enclosed_volume(surface)
-    return VoxelModes(
-        frequencies_hz=np.sqrt(np.maximum(eigenvalues - dampings**2, 0)) / (2 * np.pi),
-        eigenvalues=eigenvalues,
-        dampings_per_s=dampings,
-        vectors=vectors / np.sqrt(material.density_kg_m3 * grid.edge_m**3),
-        nodes=grid.origin_m + nodes * grid.edge_m,
-        components=len(bodies),
-        mass_kg=material.density_kg_m3 * volume,
-        mass_ratio=volume / enclosed if enclosed > 0 else None,
-        unknowns=3 * len(nodes),
-        cells=len(hexahedra),
-        limit_hz=float(np.sqrt(limit)) * radians / (2 * np.pi),
-        cpu_s=watch.cpu_s,
-    )
-
-
-@dataclass(frozen=True)
-class _Body:
-    """Eigenvalues (k,) of one body, its vertices (n,) and its vectors (3 n, k)."""
-
-    values: Floats
-    members: Integers
-    vectors: Floats
-
-
-def _solve_bodies(
-    hexahedra: Integers,
-    nodes: Floats,
-    body: Integers,
-    poisson_ratio: float,
-    below: float,
-    max_modes: int,
-    seed: int,
-    watch: Stopwatch,
-) -> tuple[list[_Body], float]:
-    """Elastic pairs of every body by itself, and the limit below which they are all."""
-    blocks = hexahedron(poisson_ratio)
-    found: list[_Body] = []
-    limit = below
+    blocks = hexahedron(material.poisson_ratio)
     order = np.argsort(body[hexahedra[:, 0]], kind="stable")
     ends = np.cumsum(np.bincount(body[hexahedra[:, 0]], minlength=int(body.max()) + 1))
+    values = []
     for chosen in np.split(order, ends[:-1]):
         members, local = np.unique(hexahedra[chosen], return_inverse=True)
         with watch.step("assemble"):
             stiffness, mass = assemble(local.reshape(-1, 8), len(members), *blocks)
         positions = nodes[members] - nodes[members].mean(axis=0)
-        values, vectors, certain = _solve(stiffness, mass, positions, below, max_modes, seed, watch)
-        found.append(_Body(values, members, vectors))
-        limit = min(limit, certain)
-    return found, limit
-
-
-def _together(bodies: list[_Body], nodes: int, limit: float, max_modes: int) -> tuple[Floats, Floats, float]:
-    """Eigenvalues (k,) of all bodies, ascending, vectors (nodes, 3, k), and their limit."""
-    values = np.concatenate([body.values for body in bodies])
-    owner = np.repeat(np.arange(len(bodies)), [len(body.values) for body in bodies])
-    column = np.concatenate([np.arange(len(body.values)) for body in bodies])
-    ranks = np.argsort(values, kind="stable")
-    kept = int(np.count_nonzero(values[ranks] < limit))
-    if kept > max_modes:
-        kept = _gap(values[ranks], max_modes)
-        limit = float(np.sqrt(values[ranks[kept - 1]] * values[ranks[kept]]))
-    vectors = np.zeros((nodes, 3, kept))
-    for rank, mode in enumerate(ranks[:kept]):
-        body = bodies[owner[mode]]
-        vectors[body.members, :, rank] = body.vectors[:, column[mode]].reshape(-1, 3)
-    return values[ranks[:kept]], vectors, limit
+        values.append(_solve(stiffness, mass, positions, below, max_modes, watch))
+    enclosed = _enclosed_volume(surface)
+    return VoxelModes(
+        eigenvalues=np.sort(np.concatenate(values)) * radians**2,
+        components=len(values),
+        mass_ratio=len(hexahedra) * grid.edge_m**3 / enclosed if enclosed > 0 else None,
+        unknowns=3 * len(nodes),
+        cells=len(hexahedra),
+        cpu_s=watch.cpu_s,
+    )
 
 
 def hexahedron(poisson_ratio: float) -> tuple[Floats, Floats]:
@@ -246,51 +171,33 @@ def _solve(
     positions: Floats,
     below: float,
     max_modes: int,
-    seed: int,
     watch: Stopwatch,
-) -> tuple[Floats, Floats, float]:
-    """Elastic pairs of one body, and the limit below which they are all.
-
-    The limit is `below`, or lower in a gap where many more than `max_modes` lie below it.
-    """
+) -> Floats:
+    """Elastic eigenvalues of one body below a limit, all of them."""
     one_body = np.zeros(len(positions), dtype=np.int64)
     pencil = Pencil(stiffness, mass, rigid_motions(positions, one_body, len(positions), mass))
     longest = float(np.ptp(positions, axis=0).max())
-    counted = -1
-    for attempt, tolerance in enumerate((1e-7, 1e-11)):
-        # A few more than wanted, so that a cut can avoid a multiple eigenvalue.
+    for seed, tolerance in enumerate((1e-7, 1e-11)):
         with watch.step("solve"):
-            pairs = lowest_elastic(
+            values = lowest_elastic(
                 pencil,
                 below=below,
-                at_most=max_modes + 8,
+                at_most=max_modes,
                 shift=-min(0.05 / longest**2, below / 4),
                 tolerance=tolerance,
-                seed=seed + attempt,
-            )
-        kept = int(np.count_nonzero(pairs.values < below))
-        limit = below
-        if kept > max_modes + 1:
-            kept = _gap(pairs.values, min(kept, len(pairs.values) - 1))
-            limit = float(np.sqrt(pairs.values[kept - 1] * pairs.values[kept]))
-        if pencil.size > DENSE:  # else all eigenvalues were computed
-            with watch.step("count"):
-                counted = count_below(pencil, limit)
-        if pencil.size <= DENSE or counted == kept:
-            return pairs.values[:kept], pairs.vectors[:, :kept], limit
+                seed=seed,
+            ).values
+        kept = int(np.count_nonzero(values < below))
+        with watch.step("count"):
+            # Of a small pencil all eigenvalues were computed.
+            counted = count_below(pencil, below) if pencil.size > DENSE else kept
+        if counted == kept:
+            return values[:kept]
     raise SimulationError(
         "voxel modes",
         f"inertia counts {counted} elastic modes, {kept} were found",
-        "Change the frequency limit or the seed.",
+        "Lower the frequency limit or allow more modes.",
     )
-
-
-def _gap(values: Floats, at_most: int) -> int:
-    """Largest number of leading values, up to `at_most`, that parts no multiple eigenvalue."""
-    for kept in range(at_most, 0, -1):
-        if values[kept] > values[kept - 1] * (1 + GAP):
-            return kept
-    raise SimulationError("voxel modes", f"more than {at_most} equal eigenvalues", "Ask for more modes.")
 
 
 def _enclosed_volume(surface: Surface) -> float:
