@@ -15,6 +15,7 @@ import numpy as np
 
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude
+from bench.senses.simulated import BLOCK, RATE_HZ, STEP_S, Watched, add_body, table
 from objectfolder.audio.audionet.audionet import RADIATION, AudioNet
 from objectfolder.live import LiveSound, MujocoSimulation
 from objectfolder.live.gripper import standing
@@ -22,7 +23,7 @@ from objectfolder.live.heard_body import HeardBody
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.matrix_coding import pack_matrix
 
-SECONDS, STEP_S, RATE_HZ, BLOCK = 4.0, 0.002, 44100.0, 512
+SECONDS = 4.0
 BODIES, MODES, RUNS = (5, 10, 20, 40), 100, 3
 ROLLING_M_S = 0.4
 WAYS = ((1.0, 0.0, 0.0, 0.0), (0.98, 0.17, 0.1, 0.0), (0.7, 0.7, 0.1, 0.0), (0.5, -0.3, 0.8, 0.1))
@@ -33,42 +34,18 @@ COMPARED = (
 REFERENCE_PA = 2e-5
 
 
-class Watched(MujocoSimulation):
-    """A simulation whose own CPU seconds are counted."""
-
-    def __init__(self, model: Any, data: Any, watch: Stopwatch) -> None:
-        super().__init__(model, data)
-        self._watch = watch
-
-    def step(self) -> None:
-        with self._watch.step("physics"):
-            super().step()
-
-    def touching(self) -> list[Any]:
-        with self._watch.step("contacts"):
-            return super().touching()
-
-
 def cylinders(names: tuple[str, ...]) -> tuple[Any, dict[str, ObjectFile]]:
     """Objects above a plane, each a cylinder of its mass, as a specification for MuJoCo."""
     import mujoco
 
-    spec, files = mujoco.MjSpec(), {}
-    spec.option.timestep = STEP_S
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    spec, files = table(), {}
     for place, name in enumerate(names):
         file = files[name] = objectfolder.example(name)
         low, high = file.surface.bounds
-        (x, y, z), known = (high - low) / 2, file.description["body"]
-        body = spec.worldbody.add_body(
-            name=name, pos=[0.3 * place, 0, 0.1 - low[2]], quat=[0.98, 0.17, 0.1, 0]
-        )
-        body.add_freejoint()
-        body.mass, body.ipos, body.explicitinertial = known["mass_kg"], known["centre_of_mass_m"], True
-        (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
-        body.fullinertia = [a, b, c, d, e, f]
-        middle = (low + high) / 2
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[min(x, y), z, 0], pos=middle)
+        x, y, z = (high - low) / 2
+        body = add_body(spec, name, file, pos=[0.3 * place, 0, 0.1 - low[2]], quat=[0.98, 0.17, 0.1, 0])
+        shape = mujoco.mjtGeom.mjGEOM_CYLINDER
+        body.add_geom(type=shape, size=[min(x, y), z, 0], pos=(low + high) / 2)
     return spec, files
 
 
@@ -101,8 +78,9 @@ def rolling() -> dict[str, Any]:
 
 def simulated(model: Any, beginning: Callable[[], Any], files: dict[str, ObjectFile]) -> dict[str, Any]:
     """What a few seconds cost."""
-    watch = Stopwatch()
-    live = LiveSound(Watched(model, beginning(), watch), files, listener_m=LISTENER_M)
+    watch, simulation = Stopwatch(), Watched(model, beginning())
+    simulation.watch = watch
+    live = LiveSound(simulation, files, listener_m=LISTENER_M)
     live.block()
     watch.cpu_s.clear()
     with watch.step("all"):

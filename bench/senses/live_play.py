@@ -10,7 +10,6 @@ the largest lag is what the seconds of one core say. The first two seconds, in w
 need, are not counted. Then single queries are timed, of the kinds that ObjectFolder 2.0 tells the time of.
 """
 
-from contextlib import AbstractContextManager, nullcontext
 from time import process_time
 from typing import Any
 
@@ -19,12 +18,13 @@ from scipy.spatial import ConvexHull
 
 import objectfolder
 from bench.record import Stopwatch, arguments, conclude
+from bench.senses.simulated import BLOCK, RATE_HZ, STEP_S, Watched, add_body, table
 from objectfolder.live import Finger, LiveSight, LiveSound, LiveTouch
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.cameras import look_at
 from pipeline.publish.scenes.handling import FELT_BY, FRICTION, Handling
 
-NAMES, STEP_S, RATE_HZ, BLOCK = ("mug", "bell", "mug"), 0.002, 44100.0, 512
+NAMES = ("mug", "bell", "mug")
 WARM_S, SECONDS, RUNS = 2.0, 60.0, 1
 TOUCHES_HZ, VIEWS_HZ, PIXELS = 60, 30, 128
 SQUEEZE_N, LIFTING_M_S, EVERY_S, DROP_M = 6.0, 0.05, 2.0, 0.1
@@ -37,41 +37,22 @@ COMPARED = (
 )
 
 
-class Watched(Handling):
-    """A scene whose physics and contacts are timed."""
-
-    watch: Stopwatch | None = None
-
-    def step(self) -> None:
-        with self._timed("physics"):
-            super().step()
-
-    def touching(self) -> list[Any]:
-        with self._timed("contacts"):
-            return super().touching()
-
-    def _timed(self, name: str) -> AbstractContextManager[None]:
-        return self.watch.step(name) if self.watch else nullcontext()
+class World(Watched, Handling):
+    """A scene that hands move."""
 
 
 def scene() -> tuple[Any, dict[str, ObjectFile]]:
     """A table with objects 25 cm apart, as a specification for MuJoCo, and their files."""
     import mujoco
 
-    spec, files = mujoco.MjSpec(), {}
-    spec.option.timestep = STEP_S
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    spec, files = table(), {}
     for place, name in enumerate(NAMES):
         body_name = f"{place}_{name}"
         file = files[body_name] = objectfolder.example(name)
-        known, vertices = file.description["body"], file.surface.vertices
+        vertices = file.surface.vertices
         hull = vertices[ConvexHull(vertices).vertices]
         spec.add_mesh(name=body_name, uservert=hull.ravel().tolist())
-        body = spec.worldbody.add_body(name=body_name, pos=[0.25 * place, 0, -vertices[:, 2].min()])
-        body.add_freejoint()
-        body.mass, body.ipos, body.explicitinertial = known["mass_kg"], known["centre_of_mass_m"], True
-        (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
-        body.fullinertia = [a, b, c, d, e, f]
+        body = add_body(spec, body_name, file, pos=[0.25 * place, 0, -vertices[:, 2].min()])
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=body_name)
     return spec, files
 
@@ -79,7 +60,7 @@ def scene() -> tuple[Any, dict[str, ObjectFile]]:
 def played(seconds: float) -> dict[str, Any]:
     """What some seconds of it cost."""
     spec, files = scene()
-    world, watch = Watched(spec, files), Stopwatch()
+    world, watch = World(spec, files), Stopwatch()
     sound = LiveSound(world, files, listener_m=tuple(CAMERA[:3, 3]))
     sight = LiveSight(world, files, table_m=(1.0, 0.0))
     touch = LiveTouch(world, files, {name: Finger(friction=FRICTION) for name in FELT_BY})

@@ -7,26 +7,21 @@ are touches a CPU second with their set-up (boxes over the faces, compilation) l
 them. The comparison with TACTO itself is `bench.senses.touch_tacto`.
 """
 
-import argparse
 import json
 import os
 from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, kept
+from bench.record import conclude, rows_of, spread
 from bench.senses.catalogue import VARIED, Scans, scan_arguments
 
 # A smooth body, a tool with a head and a handle, a figure with thin parts.
 SPEED_OBJECTS = ("011_banana", "048_hammer", "Schleich_African_Black_Rhino")
-MEASURES = (
-    "cpu_s", "psnr_db", "psnr_contact_db", "psnr_contact_worst_db", "ssim", "bytes", "training_cpu_s",
-    "training_steps", "psnr_contact_training_db",
-)  # fmt: skip
 COMPARED = (
-    "Touches of a DIGIT: this renderer over samples, pyrender, the papers' networks, "
-    "mean image, no contact: CPU seconds, PSNR in the contact region against 8 x 8 samples; "
-    "stored surfaces by bytes and PSNR against the source mesh pressed alike"
+    "Touches of a DIGIT: this renderer over samples, pyrender, the papers' networks, mean image, no contact: "
+    "CPU seconds, PSNR in the contact region against 8 x 8 samples; stored surfaces by bytes and PSNR "
+    "against the source mesh pressed alike"
 )
 Row = dict[str, Any]
 
@@ -47,101 +42,65 @@ def main() -> None:
 
     torch.set_num_threads(1)
     from bench.senses.touch_encoding import measure_encoding
-    from bench.senses.touch_speed import Speed
+    from bench.senses.touch_ways import measure_ways
 
-    speed = []
-    for index, name in enumerate(given.speed_objects):
-        measure = Speed(given, name, networks=index < given.network_objects).measure
-        speed.append(
-            kept(given.folder / f"{name}.speed.json", lambda run=measure, at=name: run(scans.surface(at)))
-        )
-    encoded = [
-        kept(
-            given.folder / f"{name}.encoding.json",
-            lambda at=name: measure_encoding(scans.surface(at), at),
-        )
-        for name in given.encoded_objects
-    ]
-    figures = {"summary": summarised(speed, encoded), "rows": {"speed": speed, "encoding": encoded}}
+    fitted = given.speed_objects[: given.network_objects]
+    speed = rows_of(
+        given.speed_objects,
+        lambda name: measure_ways(given, scans.surface(name), name, name in fitted),
+        given.folder / "speed",
+    )
+    encoded = rows_of(
+        given.encoded_objects,
+        lambda name: measure_encoding(scans.surface(name), name),
+        given.folder / "encoding",
+    )
+    rows = {"speed": list(speed.values()), "encoding": list(encoded.values())}
+    figures = {"summary": summarised(**rows), "rows": rows}
     print(json.dumps(figures["summary"], indent=1))
-    conclude("touch", figures, _settings(given), COMPARED)
+    options = {name: value for name, value in vars(given).items() if name not in ("folder", "objects")}
+    conclude("touch", figures, options | SETTINGS, COMPARED)
 
 
-def summarised(speed: list[Row], encoded: list[Row]) -> Row:
+def summarised(speed: list[Row], encoding: list[Row]) -> Row:
     """Means and medians over objects."""
-    encoding: Row = {
-        "objects": len(encoded),
-        "median_bytes": float(np.median([row["bytes"] for row in encoded])),
-        "largest_bytes": max(row["bytes"] for row in encoded),
-        "turned_median_bytes": float(np.median([row["turned_bytes"] for row in encoded])),
-        "pair_ms_median": float(np.median([row["pair_ms"] for row in encoded])),
-        "first_pair_ms_median": float(np.median([row["first_pair_ms"] for row in encoded])),
-        "pair_ms_worst": max(row["pair_ms"] for row in encoded),
+    surfaces: Row = {
+        key: spread(encoding, key, max) for key in ("bytes", "turned_bytes", "pair_ms", "first_pair_ms")
     }
     for case in ("normal", "tilted", "turned"):
-        values = [row[case]["psnr_contact_db"] for row in encoded if row[case]["psnr_contact_db"] is not None]
-        encoding[f"{case}_contact_psnr_db"] = float(np.mean(values))
-        encoding[f"{case}_contact_psnr_worst_object_db"] = float(np.min(values))
-    return {
-        "ways": _ways(speed),
-        "times_faster_than_pyrender": _times(speed, "pyrender"),
-        "sizes": _sizes(speed),
-        "elastic_touches_a_cpu_s": float(np.median([row["elastic_touches_a_cpu_s"] for row in speed])),
-        "encoding": encoding,
-    }
-
-
-def _ways(speed: list[Row]) -> list[Row]:
-    """Mean of each measure over the objects that have the way."""
+        surfaces[f"{case}_contact_db"] = spread([row[case] for row in encoding], "psnr_contact_db")
+    ratios: dict[str, list[float]] = {}
     groups: dict[tuple[str, Any], list[Row]] = {}
     for row in speed:
+        slow = next(way["cpu_s"] for way in row["ways"] if way["way"] == "pyrender")
         for way in row["ways"]:
             groups.setdefault((way["way"], way["setting"]), []).append(way)
-    means = []
-    for (name, setting), ways in groups.items():
-        mean: Row = {"way": name, "setting": setting, "objects": len(ways)}
-        for key in MEASURES:
-            values = [way[key] for way in ways if way.get(key) is not None]
-            if values:
-                mean[key] = float(np.mean(values))
-        means.append(mean)
-    return means
-
-
-def _times(speed: list[Row], rival: str) -> dict[str, float]:
-    """How many times the seconds of each of our settings a rival takes, median over objects."""
-    ratios: dict[str, list[float]] = {}
-    for row in speed:
-        slow = next(way["cpu_s"] for way in row["ways"] if way["way"] == rival)
-        for way in row["ways"]:
             if way["way"] == "ours":
                 ratios.setdefault(f"{way['setting']} x {way['setting']}", []).append(slow / way["cpu_s"])
-    return {key: float(np.median(values)) for key, values in ratios.items()}
-
-
-def _sizes(speed: list[Row]) -> list[Row]:
-    """Touches a CPU second, median over objects, by height, width and samples."""
-    return [
-        {**sizes[0], "touches_a_cpu_s": float(np.median([size["touches_a_cpu_s"] for size in sizes]))}
-        for sizes in zip(*(row["sizes"] for row in speed), strict=True)
-    ]
-
-
-def _settings(given: argparse.Namespace) -> Row:
     return {
-        "speed_objects": given.speed_objects,
-        "encoded_objects": given.encoded_objects,
-        "touches": "points drawn evenly over the area, depth .5 to 2 mm, tilt up to 15 degrees",
-        "held_out_touches": given.held_out_touches,
-        "rounds": given.rounds,
-        "times": "CPU seconds of one thread (pyrender: of its process with the driver's threads), medians "
-        "over rounds that interleave the ways; RGB, depth and mask",
-        "network_budget_cpu_s": given.network_cpu_s,
-        "training_touches": given.training_touches,
-        "encoding": "truth is the source mesh pressed at points drawn evenly over its area, the answer the "
-        "stored surface pressed at the same points, depths and tilts; PSNR over pixels in contact in either, "
-        "mean of touches, then of objects. Coordinates are stored to a micrometre, as most scans are "
-        "written: where nothing is lost, images are equal. Turned: the same mesh turned round an oblique "
-        "axis, so that its coordinates are no whole micrometres; 15 degrees, 2 mm",
-        "psnr": "of 8-bit images, at most 58.9 dB a touch (rounding)",
+        "ways": [
+            {"way": way, "setting": setting, "objects": len(rows)}
+            | {key: spread(rows, key) for key in rows[0] if key not in ("way", "setting")}
+            for (way, setting), rows in groups.items()
+        ],
+        "times_faster_than_pyrender": {key: float(np.median(values)) for key, values in ratios.items()},
+        "sizes": [
+            {**same[0], "touches_a_cpu_s": float(np.median([size["touches_a_cpu_s"] for size in same]))}
+            for same in zip(*(row["sizes"] for row in speed), strict=True)
+        ],
+        "elastic_touches_a_cpu_s": spread(speed, "elastic_touches_a_cpu_s"),
+        "encoding": surfaces,
     }
+
+
+SETTINGS = {
+    "touches": "points drawn evenly over the area, depth .5 to 2 mm, tilt up to 15 degrees",
+    "times": "CPU seconds of one thread (pyrender: of its process with the driver's threads), medians over "
+    "rounds that interleave the ways; RGB, depth and mask",
+    "encoding": "truth is the source mesh pressed at points drawn evenly over its area, the answer the "
+    "stored surface pressed at the same points, depths and tilts; PSNR over pixels in contact in either, "
+    "mean of touches, then of objects. Coordinates are stored to a micrometre, as most scans are written: "
+    "where nothing is lost, images are equal. Turned: the same mesh turned round an oblique axis, so that its "
+    "coordinates are no whole micrometres; 15 degrees, 2 mm",
+    "psnr": "of 8-bit images, at most 58.9 dB a touch (rounding)",
+}

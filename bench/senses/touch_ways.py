@@ -1,0 +1,169 @@
+"""Seconds and errors of ways to draw a touch, on held-out touches of one object."""
+
+import argparse
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from bench.rivals.touch.networks import ASKED, RIVALS, fit_touch_network
+from objectfolder.fidelity.feel import measure_feel
+from objectfolder.products.store import Product
+from objectfolder.surface.surface import Surface
+from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.sensor.camera import no_contact_image
+from objectfolder.touch.sensor.sensor import Sensor
+from objectfolder.touch.truth.opengl import OpenGLRenderer
+from objectfolder.touch.truth.press import press
+from objectfolder.touch.truth.record import simulate_touches
+from objectfolder.touch.truth.touches import Press
+
+SAMPLES, TRUTH_SAMPLES = (1, 2, 3, 4), 8
+SIZES = ((160, 120), (320, 240), (640, 480))
+SIZED_SAMPLES = (1, 2)
+ELASTIC_TOUCHES = 6
+# Touches that were trained on, judged to tell learning from generalising.
+SHOWN = 24
+Row = dict[str, Any]
+
+
+def measure_ways(given: argparse.Namespace, surface: Surface, name: str, networks: bool) -> Row:
+    """Return an object's row.
+
+    Parameters
+    ----------
+    given
+        Settings of `bench.senses.touch`.
+    networks
+        Fit and measure the papers' networks, too.
+    """
+    sensor = Sensor()
+    touches = simulate_touches(
+        surface,
+        sensor,
+        touches=given.training_touches if networks else 1,
+        held_out_touches=given.held_out_touches,
+        samples=2,
+        seed=0,
+    )
+    asked = {key: np.asarray(touches[key])[touches["held_out"]] for key in ASKED}
+    start = time.process_time()
+    patches = FacePatches(surface)
+    press(patches, sensor, asked["points"][:1], Press(samples=1))
+    prepared = time.process_time() - start
+    truth = press(patches, sensor, *pressed(asked, TRUTH_SAMPLES))
+
+    def error(images: np.ndarray) -> Row:
+        return dict(measure_feel(truth.rgb, truth.mask, images, truth.mask))
+
+    ways = {samples: lambda s=samples: press(patches, sensor, *pressed(asked, s)).rgb for samples in SAMPLES}
+    seconds: dict[int, list[float]] = {samples: [] for samples in SAMPLES}
+    images = {samples: way() for samples, way in ways.items()}
+    opengl: list[float] = []
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        drawn = np.zeros_like(truth.rgb)
+        for turn in range(given.rounds):
+            shift = turn % len(SAMPLES)
+            for samples in SAMPLES[shift:] + SAMPLES[:shift]:
+                start = time.process_time()
+                ways[samples]()
+                seconds[samples].append((time.process_time() - start) / len(truth.rgb))
+            task = pool.submit(by_opengl, surface.vertices, surface.faces, sensor, truth.sensor_to_object)
+            drawn, spent = task.result()
+            opengl.append(spent)
+    rows = [
+        {"way": "ours", "setting": samples, "cpu_s": float(np.median(seconds[samples]))}
+        | error(images[samples])
+        for samples in SAMPLES
+    ]
+    untouched = np.broadcast_to(no_contact_image(sensor, 2), truth.rgb.shape)
+    rows += [
+        {"way": "pyrender", "setting": None, "cpu_s": float(np.median(opengl))} | error(drawn),
+        {"way": "no contact", "setting": None} | error(untouched),
+    ]
+    if networks:
+        rows += [network_row(way, touches, asked, error, given.network_cpu_s) for way in RIVALS]
+        mean = np.rint(touches["rgb"][~touches["held_out"]].mean(axis=0, dtype=np.float64))
+        image = np.broadcast_to(mean.astype(np.uint8), truth.rgb.shape)
+        rows.append({"way": "mean image", "setting": None, "bytes": image[0].nbytes} | error(image))
+    return {
+        "object": name,
+        "faces": len(surface.faces),
+        "set_up_cpu_s": prepared,
+        "reachable": float(truth.reachable.mean()),
+        "ways": rows,
+        "sizes": sizes(patches, sensor, asked, given.rounds),
+        "elastic_touches_a_cpu_s": elastic(patches, sensor, asked["points"]),
+    }
+
+
+def pressed(asked: Row, samples: int) -> tuple[np.ndarray, Press]:
+    """Points, and how to press there."""
+    held = {name: values for name, values in asked.items() if name != "points"}
+    return asked["points"], Press(**held, samples=samples)
+
+
+def network_row(
+    way: str, touches: Product, asked: Row, error: Callable[[np.ndarray], Row], budget_cpu_s: float
+) -> Row:
+    """Fit a network of the papers for some CPU seconds, and measure it."""
+    fitted = fit_touch_network(way, touches, budget_cpu_s=budget_cpu_s, seed=0)
+    start = time.process_time()
+    images = fitted.render(**asked)
+    spent = (time.process_time() - start) / len(images)
+    shown = np.flatnonzero(~touches["held_out"])[:SHOWN]
+    seen = fitted.render(**{name: touches[name][shown] for name in asked})
+    mask = touches["mask"][shown]
+    return {
+        "way": f"{way} network",
+        "setting": None,
+        "cpu_s": spent,
+        "bytes": fitted.bytes,
+        "training_cpu_s": fitted.training.cpu_s,
+        "training_steps": fitted.training.steps,
+        "psnr_contact_training_db": measure_feel(touches["rgb"][shown], mask, seen, mask)["psnr_contact_db"],
+    } | error(images)
+
+
+def sizes(patches: FacePatches, sensor: Sensor, asked: Row, rounds: int) -> list[Row]:
+    """Touches a CPU second at three sizes of image."""
+    rows = []
+    for height, width in SIZES:
+        sized = sensor.at_resolution(height, width)
+        for samples in SIZED_SAMPLES:
+            seconds = []
+            for _ in range(rounds + 1):
+                start = time.process_time()
+                press(patches, sized, *pressed(asked, samples))
+                seconds.append((time.process_time() - start) / len(asked["points"]))
+            rate = 1 / float(np.median(seconds[1:]))
+            rows.append({"height": height, "width": width, "samples": samples, "touches_a_cpu_s": rate})
+    return rows
+
+
+def elastic(patches: FacePatches, sensor: Sensor, points: np.ndarray) -> float:
+    """Touches a CPU second of an elastic gel, half a millimetre deep; the first is not counted."""
+    request = Press(depth_m=0.0005, contact="elastic")
+    press(patches, sensor, points[:1], request)
+    start = time.process_time()
+    press(patches, sensor, points[:ELASTIC_TOUCHES], request)
+    return ELASTIC_TOUCHES / (time.process_time() - start)
+
+
+def by_opengl(
+    vertices: np.ndarray, faces: np.ndarray, sensor: Sensor, poses: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """Images of poses by pyrender in a process of its own, and CPU seconds of one, the first left out."""
+    renderer = OpenGLRenderer(sensor)
+    surface = Surface(vertices, faces)
+    try:
+        list(renderer.render(surface, poses[:1]))
+        start = time.process_time()
+        images = np.stack([image for image, _ in renderer.render(surface, poses)])
+        spent = (time.process_time() - start) / len(poses)
+    finally:
+        renderer.close()
+    return images, spent
