@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.record import conclude, rows_of, spread
-from bench.senses.catalogue import Scans, scan_arguments
+from bench.senses.catalogue import Scans, scan_arguments, scan_set
 from objectfolder.audio.audionet.audionet import AudioNet
 from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.synthesis import mode_bank
@@ -27,28 +27,7 @@ from objectfolder.fidelity.sounds import (
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 
-OBJECTS = (
-    "024_bowl",
-    "025_mug",
-    "029_plate",
-    "031_spoon",
-    "033_spatula",
-    "036_wood_block",
-    "042_adjustable_wrench",
-    "048_hammer",
-    "ACE_Coffee_Mug_Kristen_16_oz_cup",
-    "Chefmate_8_Frypan",
-    "Cole_Hardware_School_Bell_Solid_Brass_38",
-    "Diamond_Visions_Scissors_Red",
-    "Nintendo_Mario_Action_Figure",
-    "Now_Designs_Bowl_Akita_Black",
-    "Schleich_Lion_Action_Figure",
-    "Sterilite_Caddy_Blue_Sky_17_58_x_12_58_x_9_14",
-    "Threshold_Porcelain_Teapot_White",
-    "painted_wooden_stool",
-    "plastic_monobloc_chair_01",
-    "tea_set_01_plate_large_circular_03",
-)
+OBJECTS = scan_set("sounding")
 TRAINING_POINTS, HELD_OUT_POINTS, MOST_MODES = 16_000, 1_000, 128
 SOUNDS, DURATION_S, SAMPLE_RATE_HZ = 24, 2.0, 44_100.0
 SINGLE_QUERIES = 50

@@ -1,6 +1,7 @@
 """The scans that comparisons of the senses are about: their meshes, materials and modes."""
 
 import argparse
+import csv
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,29 +17,17 @@ from pipeline.dataset.catalogue import read_catalogue
 
 FOLDER = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))
 MATERIALS = REPOSITORY / "data" / "materials.csv"
-# Of several materials and kinds: bodies, tools, thin walls, figures, sharp boxes.
-VARIED = (
-    "011_banana",
-    "006_mustard_bottle",
-    "025_mug",
-    "048_hammer",
-    "062_dice",
-    "Diamond_Visions_Scissors_Red",
-    "Schleich_African_Black_Rhino",
-    "Room_Essentials_Salad_Plate_Turquoise",
-    "tea_set_01_teapot_01",
-    "Threshold_Porcelain_Teapot_White",
-    "013_apple",
-    "024_bowl",
-    "031_spoon",
-    "042_adjustable_wrench",
-    "050_medium_clamp",
-    "073-f_lego_duplo",
-    "Android_Figure_Orange",
-    "Cole_Hardware_School_Bell_Solid_Brass_38",
-    "ratchet_wrench",
-    "Sonny_School_Bus",
-)
+
+
+def scan_set(name: str) -> tuple[str, ...]:
+    """Return the ids of a set of ``scan_sets.csv``.
+
+    ``varied``: several materials and kinds, as bodies, tools, thin walls, figures, sharp boxes. ``sounding``:
+    what rings, and what hardly does. ``seen``: metals (mug, spoon, bell, scissors, hammer), gloss (teapot,
+    marble), thin (spoon, scissors), self-shadowing (stool, bell, mug). ``hard``: hard to see.
+    """
+    with Path(__file__).with_name("scan_sets.csv").open(encoding="utf-8", newline="") as lines:
+        return tuple(row["id"] for row in csv.DictReader(lines) if row["set"] == name)
 
 
 class Scans:

@@ -1,10 +1,10 @@
-"""How often a second two fingers that squeeze a mug are felt, on one core, and how exact shear is.
+"""How often a second two fingers that squeeze a mug are felt, on one core.
 
     OMP_NUM_THREADS=1 python -m bench live_touch
 
 In MuJoCo two fingers close on the hull of the package's mug, lift it, shake it and ease off until it slips.
 Images, forces and markers of both are asked for after every few steps; what takes the seconds is told apart.
-The environment `Squeeze` is stepped. Then a ball on a half-space is sheared, against Cattaneo and Mindlin.
+The environment `Squeeze` is stepped.
 """
 
 from typing import Any
@@ -15,20 +15,13 @@ import objectfolder
 from bench.record import Stopwatch, arguments, conclude
 from objectfolder.live import Felt, Finger, LiveTouch, MujocoSimulation
 from objectfolder.live.gripper import FINGERS, gripper
-from objectfolder.touch.elastic.contact_problem import solve_contact
-from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.markers import Markers
-from objectfolder.touch.elastic.shear import solve_shear
 
 STEP_S, BETWEEN, RUNS, STEPS = 0.002, 8, 3, 40
 SQUEEZE_N, FRICTION = 6.0, 0.8
 # Of the scene, seconds: closed, lifted, shaken; then they ease off.
 CLOSED_S, LIFTED_S, SHAKEN_S, END_S = 0.5, 1.0, 2.0, 2.4
-SHARES, MODULUS_PA, RADIUS_M, PRESSED_N, CELLS, WIDTH_M = (0.3, 0.6, 0.9), 2e5, 0.02, 0.35, 96, 0.008
-COMPARED = (
-    "pairs of touches over CPU seconds of one core, alone and with markers; stick radius, shift and traction "
-    "of a sheared ball against the closed form, the radius over that of the contact"
-)
+COMPARED = "pairs of touches over CPU seconds of one core, alone and with markers; steps of an environment"
 
 
 def command(data: Any) -> None:
@@ -106,33 +99,6 @@ def _row(time_s: float, felt: Felt, moved: Markers) -> dict[str, Any]:
     }
 
 
-def sheared_balls() -> list[dict[str, float]]:
-    """Errors against Cattaneo and Mindlin (Johnson 1985, section 7.2) under shares of the friction."""
-    pitch = WIDTH_M / CELLS
-    x = (np.arange(CELLS) - (CELLS - 1) / 2) * pitch
-    r, gel = x[:, None] ** 2 + x**2, Elastomer(MODULUS_PA, 0.5)
-    contact = solve_contact(r / (2 * RADIUS_M), pitch, gel, force_n=PRESSED_N)
-    radius = (3 * PRESSED_N * RADIUS_M / (4 * gel.contact_modulus_pa)) ** (1 / 3)
-    rows, limit_n = [], FRICTION * PRESSED_N
-    for share in SHARES:
-        shear = solve_shear(contact, gel, FRICTION, (share * limit_n, 0.0))
-        stick = radius * (1 - share) ** (1 / 3)
-        shift = 3 * limit_n * 1.5 / (16 * MODULUS_PA / 3 * radius) * (1 - (1 - share) ** (2 / 3))
-        inner = np.sqrt(np.maximum(1 - r / stick**2, 0)) * stick / radius
-        traction = 1.5 * limit_n / (np.pi * radius**2) * (np.sqrt(np.maximum(1 - r / radius**2, 0)) - inner)
-        error = shear.traction_pa[0] - traction
-        found = float(np.sqrt(shear.sticking.sum() * pitch**2 / np.pi))
-        rows.append(
-            {
-                "share_of_friction": share,
-                "stick_radius_error": (found - stick) / radius,
-                "shift_error": float(shear.shift_m[0]) / shift - 1,
-                "traction_rms_error": float(np.sqrt((error**2).sum() / (traction**2).sum())),
-            }
-        )
-    return rows
-
-
 def main() -> None:
     arguments(__doc__).parse_args()
     runs = [squeeze() for _ in range(RUNS)]
@@ -141,7 +107,6 @@ def main() -> None:
         "environment": max(
             (environment() for _ in range(RUNS)), key=lambda run: float(run["real_time_factor"])
         ),
-        "cattaneo_mindlin": sheared_balls(),
     }
     settings = {"step_s": STEP_S, "steps_between": BETWEEN, "squeeze_n": SQUEEZE_N, "friction": FRICTION}
     settings["runs"] = RUNS

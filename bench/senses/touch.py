@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench.record import conclude, rows_of, spread
-from bench.senses.catalogue import VARIED, Scans, scan_arguments
+from bench.senses.catalogue import Scans, scan_arguments, scan_set
 
 # A smooth body, a tool with a head and a handle, a figure with thin parts.
 SPEED_OBJECTS = ("011_banana", "048_hammer", "Schleich_African_Black_Rhino")
@@ -29,7 +29,7 @@ Row = dict[str, Any]
 def main() -> None:
     parser = scan_arguments("touch: seconds, error and bytes", "rows")
     parser.add_argument("--speed-objects", nargs="+", default=list(SPEED_OBJECTS))
-    parser.add_argument("--encoded-objects", nargs="+", default=list(VARIED))
+    parser.add_argument("--encoded-objects", nargs="+", default=list(scan_set("varied")))
     parser.add_argument("--network-objects", type=int, default=1, help="for how many of the speed objects")
     parser.add_argument("--network-cpu-s", type=float, default=60.0, help="training of each network")
     parser.add_argument("--training-touches", type=int, default=300)
@@ -100,7 +100,7 @@ SETTINGS = {
     "encoding": "truth is the source mesh pressed at points drawn evenly over its area, the answer the "
     "stored surface pressed at the same points, depths and tilts; PSNR over pixels in contact in either, "
     "mean of touches, then of objects. Coordinates are stored to a micrometre, as most scans are written: "
-    "where nothing is lost, images are equal. Turned: the same mesh turned round an oblique axis, so that its "
-    "coordinates are no whole micrometres; 15 degrees, 2 mm",
+    "where nothing is lost, images are equal. Turned: the same mesh turned round an oblique axis, so that "
+    "its coordinates are no whole micrometres; 15 degrees, 2 mm",
     "psnr": "of 8-bit images, at most 58.9 dB a touch (rounding)",
 }

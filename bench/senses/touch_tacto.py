@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.record import REPOSITORY, conclude
-from bench.senses.catalogue import VARIED, Scans, scan_arguments
+from bench.senses.catalogue import Scans, scan_arguments, scan_set
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
@@ -61,7 +61,7 @@ class VertexShaded(Surface):
 
 
 def main() -> None:
-    parser = scan_arguments("touch against TACTO 0.0.3", "TACTO's images", only=VARIED[:10])
+    parser = scan_arguments("touch against TACTO 0.0.3", "TACTO's images", only=scan_set("varied")[:10])
     parser.add_argument("--python", type=Path, required=True, help="of the environment that has TACTO")
     parser.add_argument("--poses", type=int, default=8, help="of each object")
     parser.add_argument("--seed", type=int, default=0)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench.record import conclude, cpu_seconds, kept, rows_of, spread
-from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
+from bench.senses.catalogue import MATERIALS, Scans, scan_arguments, scan_set
 from bench.senses.subject import Subject, ViewCounts, errors
 from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.fidelity.sight import trivial_answer
@@ -21,36 +21,11 @@ from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.compositing import on_white
 
-# Metals: mug, spoon, bell, scissors, hammer; gloss: teapot, marble; thin: spoon, scissors; self-shadowing:
-# stool, bell, mug.
-OBJECTS = (
-    "Threshold_Porcelain_Teapot_White",
-    "025_mug",
-    "painted_wooden_stool",
-    "031_spoon",
-    "Diamond_Visions_Scissors_Red",
-    "Cole_Hardware_School_Bell_Solid_Brass_38",
-    "011_banana",
-    "062_dice",
-    "063-b_marbles",
-    "048_hammer",
-)
 # Nine links of iron, each through the next: the catalogue has no chain.
 CHAIN = "chain"
 # Shown as iron: their C lights itself.
 CAST_IRON = ("052_extra_large_clamp",)
-HARD = (
-    CHAIN,
-    *CAST_IRON,
-    "Rubbermaid_Large_Drainer",
-    "Television_01",
-    "painted_wooden_cabinet_02",
-    "plastic_monobloc_chair_01",
-    "Schleich_Spinosaurus_Action_Figure",
-    "Magnifying_Glassassrt",
-    "063-a_marbles",
-    "Sonny_School_Bus",
-)
+OBJECTS, HARD = scan_set("seen"), scan_set("hard")
 # Views of learned sight; what is computed asks no training views, and `simulate_views` makes one at least.
 COUNTS = {"learned": ViewCounts(128, 100, 32, 8, 256), "known": ViewCounts(128, 1, 32, 8, 256)}
 COMPARED = (
