@@ -273,7 +273,6 @@ def main() -> None:
             key = f"{object_id}, default, {options.data_made_on}"
             figures[key] = compared(REPOSITORY, options.data, object_id)
     settings = {
-        "processor": _processor(),
         "smallest": SMALLEST,
         "conditions": {name: asdict(condition) for name, condition in CONDITIONS.items()},
         "order": "each stage in a process of its own, as the factory does where MKL would change torch",
@@ -287,11 +286,3 @@ def main() -> None:
         "the largest and rms difference as a share of the range of the array",
         draw,
     )
-
-
-def _processor() -> str:
-    """Return vendor, family and model of this processor, as Linux names them."""
-    first = Path("/proc/cpuinfo").read_text().partition("\n\n")[0]
-    pairs = (line.partition(":") for line in first.splitlines())
-    known = {name.strip(): value.strip() for name, _, value in pairs}
-    return f"{known['vendor_id']}, family {known['cpu family']}, model {known['model']}"

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, conclude
+from bench.record import REPOSITORY, conclude, spread
 from bench.senses.catalogue import Scans, scan_arguments, scan_set
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
@@ -36,8 +36,11 @@ DEPTH_M = (0.0005, 0.002)
 TILT_DEG = 15.0
 # Least mean squared error that counts: the rounding of 8 bits; one level in one value of 160 x 120 pixels.
 ROUNDING, ONE_LEVEL = 1 / 12, 1 / (160 * 120 * 3)
-# Columns of a pose's row; their means and worsts are given.
-MEASURES = ("raw_psnr_db", "contact_psnr_db", "calibrated_psnr_db", "raw_ssim", "calibrated_ssim")
+# Columns of a pose's row whose spreads are given.
+MEASURES = (
+    "raw_psnr_db", "contact_psnr_db", "calibrated_psnr_db", "raw_ssim", "calibrated_ssim",
+    "empty_raw_psnr_db", "tacto_cpu_s",
+)  # fmt: skip
 COMPARED = (
     "Images of a DIGIT pressed into objects, ours over samples along a pixel's side against TACTO 0.0.3's "
     "own: PSNR of the raw image, of the pixels that change or touch, and of the calibrated image; SSIM"
@@ -185,9 +188,9 @@ def psnr_db(
     return float(10 * np.log10(255**2 / max(float(np.mean(difference**2)), least)))
 
 
-def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, float]]]:
-    """Means and worsts over poses in which either sees the object, by normals and samples."""
-    found: dict[str, dict[str, dict[str, float]]] = {}
+def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Spreads over poses in which either sees the object, by normals and samples."""
+    found: dict[str, dict[str, Any]] = {}
     for normals in (*NORMALS, MIXED):
         for samples in SAMPLES:
             seen = [
@@ -195,15 +198,8 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, floa
                 for row in rows
                 if (row["normals"], row["samples"]) == (normals, samples) and row["share_in_contact"] > 0
             ]
-            entry: dict[str, float] = {"poses": len(seen)}
-            for key in MEASURES:
-                name, unit = (key[:-3], "_db") if key.endswith("_db") else (key, "")
-                values = [row[key] for row in seen]
-                entry[f"{name}_mean{unit}"] = float(np.mean(values))
-                entry[f"{name}_worst{unit}"] = float(np.min(values))
-            entry["empty_raw_psnr_mean_db"] = float(np.mean([row["empty_raw_psnr_db"] for row in seen]))
-            entry["tacto_cpu_s_median"] = float(np.median([row["tacto_cpu_s"] for row in seen]))
-            found.setdefault(normals, {})[str(samples)] = entry
+            entry = {key: spread(seen, key) for key in MEASURES}
+            found.setdefault(normals, {})[str(samples)] = {"poses": len(seen), **entry}
     return found
 
 

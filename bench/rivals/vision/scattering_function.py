@@ -20,8 +20,7 @@ from torch import Tensor
 from bench.rivals.published import Training
 from bench.rivals.vision.ray_marching import evenly_spaced, refined, weights
 from bench.rivals.vision.scattering_network import ScatteringNetwork
-from objectfolder.errors import QueryError
-from objectfolder.vision.cameras import image_size, pixel_rays
+from objectfolder.vision.cameras import pixel_rays
 from objectfolder.vision.compositing import srgb_decode
 
 COARSE_SAMPLES, FINE_SAMPLES = 64, 128
@@ -97,51 +96,6 @@ class ScatteringFunction:
         """Stored in single precision, as released."""
         return 4 * self.parameters
 
-    def render(
-        self,
-        camera_to_world: np.ndarray,
-        light_position: np.ndarray,
-        resolution: int | tuple[int, int],
-        field_of_view_deg: float,
-    ) -> np.ndarray:
-        """Render views by 192 samples along one ray a pixel; as `visionnet.VisionNet.render`.
-
-        Parameters
-        ----------
-        camera_to_world
-            (n, 4, 4) or (4, 4) poses, unit frame.
-        light_position
-            (n, 3) or (3,) positions of the point light, unit frame.
-        resolution
-            Pixels a side, or (height, width).
-        field_of_view_deg
-            Angle over the longer side.
-
-        Returns
-        -------
-        np.ndarray
-            (n, height, width, 4) float32 scene-linear premultiplied RGBA, whose composite on white is the
-            networks' colour.
-
-        Raises
-        ------
-        QueryError
-            Shapes that do not match, values that are not finite, no pixels.
-        """
-        cameras = np.asarray(camera_to_world, dtype=np.float64).reshape(-1, 4, 4)
-        lights = np.asarray(light_position, dtype=np.float64).reshape(-1, 3)
-        size = image_size(resolution)
-        if len(cameras) != len(lights):
-            raise QueryError(
-                "render", f"{len(cameras)} cameras but {len(lights)} lights", "Give one light a camera."
-            )
-        if not (np.isfinite(cameras).all() and np.isfinite(lights).all()):
-            raise QueryError("render", "a camera or light is not finite", "Give finite numbers.")
-        images = np.zeros((len(cameras), size[0] * size[1], 4), dtype=np.float32)
-        for image, camera, light in zip(images, cameras, lights, strict=True):
-            image[:] = self.pixels(camera, light, np.arange(len(image)), size, field_of_view_deg)
-        return images.reshape(len(cameras), *size, 4)
-
     def pixels(
         self,
         camera_to_world: np.ndarray,
@@ -150,7 +104,22 @@ class ScatteringFunction:
         resolution: int | tuple[int, int],
         field_of_view_deg: float,
     ) -> np.ndarray:
-        """Return some pixels (n, 4) of a view, given by flat indices (n,); arguments as of `render`."""
+        """Return pixels (n, 4) of a view by 192 samples along one ray each.
+
+        Parameters
+        ----------
+        camera_to_world, light_position
+            (4, 4) pose, and (3,) position of the point light, unit frame.
+        pixels
+            (n,) flat indices.
+        resolution, field_of_view_deg
+            Pixels a side or (height, width), and the angle over the longer side.
+
+        Returns
+        -------
+        np.ndarray
+            (n, 4) float32 scene-linear premultiplied RGBA, whose composite on white is the networks' colour.
+        """
         origins, directions = pixel_rays(
             camera_to_world, pixels, np.array([[0.5, 0.5]]), resolution, field_of_view_deg
         )

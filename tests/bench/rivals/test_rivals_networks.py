@@ -24,7 +24,6 @@ from bench.rivals.audio.spectrogram_network import (
 )
 from bench.rivals.audio.vertex_mean import nearest_vertex_mean
 from bench.rivals.published import UNREAD_PARAMETERS, Perceptrons, UnitRange, encode, one_thread
-from objectfolder.errors import InputError
 from tests.drawn_examples import few_examples
 
 pytestmark = pytest.mark.release("bench.rivals")
@@ -240,10 +239,3 @@ def test_the_mean_over_nearest_vertices_is_wrong_on_a_linear_field() -> None:
     nodes = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     mean = nearest_vertex_mean(nodes, nodes, np.zeros((1, 3)))
     np.testing.assert_allclose(mean, [[0.25, 0.25, 0.25]])
-
-
-def test_too_few_vertices_are_named() -> None:
-    with pytest.raises(InputError, match="nodes"):
-        nearest_vertex_mean(np.zeros((3, 3)), np.zeros(3), np.zeros((1, 3)))
-    with pytest.raises(InputError, match="values"):
-        nearest_vertex_mean(np.zeros((5, 3)), np.zeros(4), np.zeros((1, 3)))

@@ -7,7 +7,7 @@ import torch
 from bench.rivals.vision.scattering_function import ScatteringFunction
 from bench.rivals.vision.scattering_network import ScatteringNetwork, encode
 from bench.rivals.vision.scattering_training import TrainingPixels, fit_scattering_function
-from objectfolder.errors import InputError, QueryError
+from objectfolder.errors import InputError
 from objectfolder.products.store import Array, Product
 from objectfolder.vision.cameras import look_at, pixel_rays, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
@@ -42,6 +42,15 @@ class Ball(ScatteringNetwork):
 
 def ball(extinction: float) -> ScatteringFunction:
     return ScatteringFunction(Ball(extinction), Ball(extinction), 2.5)
+
+
+def image(
+    fitted: ScatteringFunction, view: np.ndarray, light: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
+    """All pixels of a view."""
+    pixels = fitted.pixels(view, light, np.arange(size[0] * size[1]), size, 39.6)
+    assert pixels.dtype == np.float32
+    return pixels.reshape(*size, 4)
 
 
 def coloured_views(count: int = 3, held_out: int = 1, size: tuple[int, int] = (6, 8)) -> Product:
@@ -79,48 +88,34 @@ def test_positions_carry_ten_octaves_and_directions_four():
 
 
 def test_an_opaque_ball_has_its_disc_and_its_colour():
-    view = look_at(np.array([[0.0, -2.5, 0.0]]))
-    image = ball(1e4).render(view, np.array([0.0, -1.0, 0.0]), (36, 48), 39.6)
-    assert image.shape == (1, 36, 48, 4)
-    assert image.dtype == np.float32
+    (view,) = look_at(np.array([[0.0, -2.5, 0.0]]))
+    shown = image(ball(1e4), view, np.array([0.0, -1.0, 0.0]), (36, 48))
     # A ball is seen as a circle of half angle asin(r / d).
     focal = 24 / np.tan(np.radians(19.8))
     row, column = np.mgrid[:36, :48] + 0.5
     distance = np.hypot(row - 18, column - 24)
     radius = focal * np.tan(np.arcsin(0.5 / 2.5))
-    assert image[0, distance < radius - 0.6, 3].min() > 0.999
-    assert image[0, distance > radius + 0.6, 3].max() < 0.01
-    assert np.abs(composite_on_white(image[0, 18, 24]) - COLOUR).max() < 1e-4
-    np.testing.assert_allclose(image[0, 18, 24, :3], srgb_decode(np.array(COLOUR)), atol=1e-4)
+    assert shown[distance < radius - 0.6, 3].min() > 0.999
+    assert shown[distance > radius + 0.6, 3].max() < 0.01
+    assert np.abs(composite_on_white(shown[18, 24]) - COLOUR).max() < 1e-4
+    np.testing.assert_allclose(shown[18, 24, :3], srgb_decode(np.array(COLOUR)), atol=1e-4)
 
 
 def test_a_thin_ball_is_as_opaque_as_its_chord_is_long():
     # At the densities of fog the samples, not the law, limit accuracy: 192 along 4.
-    image = ball(1.5).render(look_at(np.array([[2.5, 0.0, 0.0]])), np.array([1.0, 0.0, 0.0]), 33, 39.6)
-    alpha = 1 - np.exp(-1.5)
-    np.testing.assert_allclose(image[0, 16, 16, 3], alpha, atol=0.02)
-    shown = composite_on_white(image[0, 16, 16])
-    np.testing.assert_allclose(
-        shown, image[0, 16, 16, 3] * np.array(COLOUR) + 1 - image[0, 16, 16, 3], atol=1e-5
-    )
+    (view,) = look_at(np.array([[2.5, 0.0, 0.0]]))
+    (middle,) = ball(1.5).pixels(view, np.array([1.0, 0.0, 0.0]), np.array([16 * 33 + 16]), 33, 39.6)
+    np.testing.assert_allclose(middle[3], 1 - np.exp(-1.5), atol=0.02)
+    expected = middle[3] * np.array(COLOUR) + 1 - middle[3]
+    np.testing.assert_allclose(composite_on_white(middle), expected, atol=1e-5)
 
 
-def test_a_batch_is_its_views_and_pixels_are_the_image():
+def test_pixels_alone_are_those_of_the_image():
     fitted = ScatteringFunction(ScatteringNetwork(), ScatteringNetwork(), 2.5)
-    views = look_at(np.array([[0.0, -2.5, 0.0], [1.0, 1.0, 2.0]]))
-    lights = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
-    both = fitted.render(views, lights, (4, 6), 39.6)
-    np.testing.assert_allclose(fitted.render(views[1], lights[1], (4, 6), 39.6)[0], both[1], atol=1e-5)
-    some = fitted.pixels(views[1], lights[1], np.array([5, 17]), (4, 6), 39.6)
-    np.testing.assert_allclose(some, both[1].reshape(-1, 4)[[5, 17]], atol=1e-5)
-
-
-def test_queries_without_an_answer_are_refused():
-    view = look_at(np.array([[0.0, -2.5, 0.0]]))
-    with pytest.raises(QueryError, match="one light a camera"):
-        ball(1.0).render(view, np.zeros((2, 3)), 4, 39.6)
-    with pytest.raises(QueryError, match="finite"):
-        ball(1.0).render(view, np.full((1, 3), np.inf), 4, 39.6)
+    (view,) = look_at(np.array([[1.0, 1.0, 2.0]]))
+    light = np.array([1.0, 0.0, 0.0])
+    some = fitted.pixels(view, light, np.array([5, 17]), (4, 6), 39.6)
+    np.testing.assert_allclose(some, image(fitted, view, light, (4, 6)).reshape(-1, 4)[[5, 17]], atol=1e-5)
 
 
 def test_pixels_drawn_are_those_of_training_views_with_their_rays_and_lights():
