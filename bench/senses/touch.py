@@ -41,8 +41,7 @@ def main() -> None:
     import torch
 
     torch.set_num_threads(1)
-    from bench.senses.touch_encoding import measure_encoding
-    from bench.senses.touch_ways import measure_ways
+    from bench.senses.touch_ways import measure_encoding, measure_ways
 
     fitted = given.speed_objects[: given.network_objects]
     speed = rows_of(
