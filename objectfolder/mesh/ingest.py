@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import Topology, solid_properties, topology_of
+from objectfolder.mesh.body import Topology, topology_of
 from objectfolder.mesh.cleaning import NESTED_REMEDY, CleaningReport, clean
 from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
@@ -21,7 +21,7 @@ from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
 from objectfolder.renaming import formerly_positional
 from objectfolder.surface.codec import too_large
-from objectfolder.surface.overlap import NOTHING, counted_again
+from objectfolder.surface.integrals import NOTHING, counted_again, solid_properties
 from objectfolder.surface.surface import connected_pieces
 
 DEBRIS_SHARE = 0.01

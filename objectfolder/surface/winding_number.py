@@ -8,7 +8,7 @@ Jacobson, Kavan and Sorkine-Hornung, "Robust Inside-Outside Segmentation Using G
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.surface.overlap import counted_again
+from objectfolder.surface.integrals import counted_again
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from small_meshes import CUBE_FACES, CUBE_VERTICES, bare_mesh, cube, sorted_triangles, sphere
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import solid_properties, topology_of
+from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
+from objectfolder.surface.integrals import solid_properties
 
 
 def hollow_sphere(outer_m: float = 1.0, inner_m: float = 0.8, subdivisions: int = 3):

@@ -28,10 +28,10 @@ from hard_meshes import (
 )
 from small_meshes import sphere
 
-from objectfolder.mesh.body import solid_properties
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.surface.integrals import solid_properties
 
 # OBJ as text
 

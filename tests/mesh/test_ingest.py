@@ -11,7 +11,6 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES, box, checker, cube, sphere, 
 
 from objectfolder.audio.materials import read_materials
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import solid_properties
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.mesh.readers.load import load_mesh
@@ -27,6 +26,7 @@ from objectfolder.mesh.walls import (
     wall_findings,
 )
 from objectfolder.products.store import read_product, write_product
+from objectfolder.surface.integrals import solid_properties
 from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.task import Request
 from pipeline.tasks.objects import prepare_object

@@ -31,12 +31,12 @@ from objectfolder.audio.modes.product_arrays import (
 )
 from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.audio.modes.waves_around import wave_spectrum
-from objectfolder.mesh.body import solid_properties
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.comparison import geometry_error_cents, shape_warnings, volume_error
 from objectfolder.solid.filling import REVOLVED, Filling, fill
 from objectfolder.solid.solid import Solid
+from objectfolder.surface.integrals import solid_properties
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 
 from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import Topology, solid_properties, topology_of
+from objectfolder.mesh.body import Topology, topology_of
 from objectfolder.mesh.cleaning import CleaningReport, clean
 from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
+from objectfolder.surface.integrals import solid_properties
 from pipeline.dataset.catalogue import ObjectRecord, number_in
 from pipeline.intake.sources.registry import SOURCES, source_and_name
 from pipeline.intake.sources.source import Source

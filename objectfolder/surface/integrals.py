@@ -1,11 +1,13 @@
-"""What integrals over a closed surface count more than once: where pieces overlap, or lie in one another.
+"""Volume and inertia as integrals over a closed surface, and what these count more than once.
 
-Along a column the winding number goes up by one at each face that is entered and down at each that is left.
+That is where pieces overlap, or lie in one another. Along a column the winding number goes up by one at each
+face that is entered and down at each that is left.
 Where it is 2 or more, the space belongs to as many pieces. Columns are upright, one drawn in each cell of a
 grid; along them the lengths are exact.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,37 @@ Integers = NDArray[np.int64]
 COLUMNS_AT_ONCE = 16384
 CELLS_AT_ONCE = 2_000_000
 GAUSS = 0.5 / np.sqrt(3)  # from the middle over the length: two points integrate cubics exactly
+
+
+@dataclass(frozen=True)
+class SolidProperties:
+    """Volume integrals over the enclosed solid for unit density; multiply by a density in kg/m^3 for masses.
+
+    Parameters
+    ----------
+    volume_m3
+        Signed sum over shells and cavities.
+    volume_uncertainty_m3
+        Standard error of it; 0 where no pieces overlap.
+    centre_of_mass_m
+        (3,) object frame.
+    inertia_per_density_m5
+        (3, 3) inertia tensor about the centre of mass, axes of the object frame.
+    """
+
+    volume_m3: float
+    centre_of_mass_m: np.ndarray
+    inertia_per_density_m5: np.ndarray
+    volume_uncertainty_m3: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the properties as JSON values."""
+        return {
+            "volume_m3": self.volume_m3,
+            "volume_uncertainty_m3": self.volume_uncertainty_m3,
+            "centre_of_mass_m": self.centre_of_mass_m.tolist(),
+            "inertia_per_density_m5": self.inertia_per_density_m5.tolist(),
+        }
 
 
 @dataclass(frozen=True)
@@ -37,6 +70,40 @@ class CountedAgain:
 
 
 NOTHING = CountedAgain(np.zeros((0, 3)), np.zeros(0), 0.0)
+
+
+def solid_properties(
+    vertices: np.ndarray, faces: np.ndarray, again: CountedAgain = NOTHING
+) -> SolidProperties:
+    """Integrate over the solid bounded by a closed, consistently wound surface.
+
+    Sums over the tetrahedra from one point to each face (Tonon 2005, J. Math. Stat. 1(1), 8-11): with
+    ``s = a + b + c`` and ``d = det(a, b, c)`` a tetrahedron adds ``d / 6`` to the volume, ``d s / 24`` to the
+    first and ``d (s s' + a a' + b b' + c c') / 120`` to the second moment. On an open surface the sums depend
+    on that point, here the centre of the bounding box, and mean nothing.
+
+    Parameters
+    ----------
+    vertices, faces
+        (V, 3) metres and (F, 3).
+    again
+        What the sums count more than once, and is taken away (see `counted_again`).
+    """
+    origin = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    triangles = vertices[faces] - origin
+    determinants = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))
+    sums = triangles.sum(axis=1)
+    points = again.points - origin
+    volume = float(determinants.sum() / 6 - again.volumes.sum())
+    # Sums of numpy: a product of matrices would round as the processor's library does.
+    first = (determinants[:, None] * sums).sum(axis=0) - 24 * (again.volumes[:, None] * points).sum(axis=0)
+    centre = first / (24 * volume) if volume else np.zeros(3)
+    outer = np.einsum("i,ij,ik->jk", determinants, sums, sums)
+    outer += np.einsum("i,ivj,ivk->jk", determinants, triangles, triangles)
+    second = outer / 120 - np.einsum("i,ij,ik->jk", again.volumes, points, points)
+    moments = second - volume * np.outer(centre, centre)
+    inertia = np.trace(moments) * np.eye(3) - moments
+    return SolidProperties(volume, origin + centre, inertia, again.uncertainty)
 
 
 def counted_again(surface: Surface, *, columns: int = COLUMNS_AT_ONCE, seed: int = 0) -> CountedAgain:
