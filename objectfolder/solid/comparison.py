@@ -179,6 +179,16 @@ def shape_warnings(report: dict[str, Any]) -> list[str]:
     return doubts
 
 
+def shape_attributes(
+    solid: Solid, volume_m3: float, distance: Floats, wall_m: float, rounding: tuple[float, float]
+) -> dict[str, Any]:
+    """What a product of modes says of their shape: `geometry_error_cents`, and warnings."""
+    return {
+        "geometry_error_estimate_cents": geometry_error_cents(solid, volume_m3, distance, wall_m, rounding),
+        "warnings": shape_warnings(solid.report),
+    }
+
+
 def volume_error(solid: Solid, volume_m3: float) -> dict[str, float]:
     """Errors of the volume of bent and of straight elements, against what the surface encloses."""
     straight = solid.report.get("volume_error")

@@ -23,8 +23,6 @@ from objectfolder.audio.modes.limits import Limits
 from objectfolder.audio.modes.product_arrays import (
     Motion,
     Units,
-    accuracy_attributes,
-    near_limit,
     shape_arrays,
     spectrum_arrays,
     spectrum_attributes,
@@ -33,7 +31,7 @@ from objectfolder.audio.modes.spectrum import Spectrum, space_on
 from objectfolder.audio.modes.waves_around import wave_spectrum
 from objectfolder.products.store import Array, Product
 from objectfolder.solid.bending_waves import BendingWaves
-from objectfolder.solid.comparison import geometry_error_cents, shape_warnings, volume_error
+from objectfolder.solid.comparison import shape_attributes, volume_error
 from objectfolder.solid.filling import REVOLVED, Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.surface.integrals import solid_properties
@@ -232,15 +230,12 @@ def modes_of_solid(
     )
     air_s = _cpu_seconds() - air
     shapes = boundary, vectors
-    arrays, attributes = _read(surface, solid, material, motion, spectrum, units, shapes, counts, seed)
+    arrays, attributes = _read(
+        surface, solid, material, motion, spectrum, units, shapes, counts, seed, accuracy_cents
+    )
     arrays.update(transferred)
     attributes["damping"] = describe_damping(decay)
     attributes["max_frequency_hz"] = float(max_frequency_hz)
-    attributes["count_certificate"].update(near_limit(spectrum, attributes["geometry_error_estimate_cents"]))
-    attributes.update(
-        accuracy_attributes(accuracy_cents, spectrum.error_cents, attributes["geometry_error_estimate_cents"])
-    )
-    attributes["warnings"] += shape_warnings(solid.report)
     attributes["discretisation"].update(highest_order=highest_order, **bent)
     if split_cents:
         attributes["equal_pairs"] = {"pairs": len(split_cents), "split_cents_max": max(split_cents)}
@@ -272,6 +267,7 @@ def _read(
     shaped: tuple[Boundary, Floats],
     counts: tuple[int, int],
     seed: int,
+    accuracy_cents: float,
 ) -> tuple[dict[str, Array], dict[str, Any]]:
     """Arrays and attributes, shapes at as many training and held-out points of a surface as `counts` says."""
     samples = [
@@ -284,15 +280,13 @@ def _read(
     weights = boundary.normal_rms(vectors) / np.sqrt(units.mass_kg)
     volume_m3 = spectrum.volume * units.length_m**3
     wall_m = 2 * volume_m3 / boundary.surface.area
+    shape = shape_attributes(solid, volume_m3, distance, wall_m, _rounding(solid))
     arrays = {
         **spectrum_arrays(spectrum, motion, weights),
         **shape_arrays(points, normals, shapes / np.sqrt(units.mass_kg), counts[0]),
     }
     attributes: dict[str, Any] = {
-        **spectrum_attributes(spectrum, units, arrays["frequencies_hz"].data),
-        "geometry_error_estimate_cents": geometry_error_cents(
-            solid, volume_m3, distance, wall_m, _rounding(solid)
-        ),
+        **spectrum_attributes(spectrum, units, motion.frequencies_hz, accuracy_cents, shape),
         "discretisation": {
             "elements": len(solid.tetrahedra),
             "unknowns": spectrum.unknowns,

@@ -1,5 +1,6 @@
 """What a product of modes says of a spectrum: arrays of (mode,), and attributes of all modes together."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,16 +106,24 @@ def spectrum_arrays(spectrum: Spectrum, motion: Motion, weights: Floats) -> dict
     return arrays
 
 
-def spectrum_attributes(spectrum: Spectrum, units: Units, frequencies: Floats) -> dict[str, Any]:
-    """What the product says of the modes together."""
+def spectrum_attributes(
+    spectrum: Spectrum, units: Units, frequencies: Floats, accuracy_cents: float, shape: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What the product says of the modes together; `shape` as of `solid.comparison.shape_attributes`."""
     limit_hz = float(np.sqrt(spectrum.limit) * units.radians_per_s / (2 * np.pi))
+    geometry_cents = shape["geometry_error_estimate_cents"]
+    accuracy = accuracy_attributes(accuracy_cents, spectrum.error_cents, geometry_cents)
+    near = near_limit(spectrum, geometry_cents)
     return {
         "audible": len(frequencies) > 0,
         "stated_frequency_limit_hz": limit_hz,
         "overdamped_modes": int(np.count_nonzero(frequencies == 0)),
-        "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz},
+        "count_certificate": {**spectrum.certificate, "limit_hz": limit_hz, **near},
         "error_estimate_cents": float(spectrum.error_cents.max()) if len(spectrum.error_cents) else None,
         "rigid_frequency_hz": float(np.sqrt(spectrum.rigid_eta_squared) * units.radians_per_s / (2 * np.pi)),
+        "geometry_error_estimate_cents": geometry_cents,
+        **accuracy,
+        "warnings": [*accuracy["warnings"], *shape["warnings"]],
     }
 
 
