@@ -17,7 +17,7 @@ from objectfolder.products.integer_coding import pack_integers, unpack_integers
 MOST_STEPS = 1024
 """Along an edge of a face."""
 
-MOST_PLACES = 1 << 22
+MOST_PLACES = 3 << 21
 """Of a lattice: six times those of a chair, 1/192 of its length apart."""
 
 HALF_SIDE = 0.6
