@@ -33,7 +33,7 @@ TOUCH = {
 }  # fmt: skip
 SIGHT = {
     "cast", "light", "bend", "inputs", "mirror", "reflect", "colour", "send", "spread", "substance",
-    "radiate", "scatter", "gather", "blend", "uneven",
+    "radiate", "scatter", "gather", "blend", "uneven", "cover",
 }  # fmt: skip
 NAMES = {"single": TOUCH, "double": TOUCH, "sight": SIGHT}
 CARDS = [(8, 0), (9, 0), (12, 0)]
@@ -78,6 +78,9 @@ def kernels():
     cameras, lights = bell.sample_views(1)
     for sight in bell.sight, known_corner():
         SightBatch([sight], "cpu").render(0, cameras, lights, 4)
+    # Views of which nothing is computed have no outlines.
+    rgba, shown = torch.zeros((1, 4)), torch.zeros((1, 3))
+    sight_bodies.cover(1, torch.zeros(1, dtype=torch.int64), rgba[0, :1], rgba, shown)
     patch.undo()
     return met
 
