@@ -37,7 +37,9 @@ Meshes = namedtuple("Meshes", "corners corner_normals facets")
 # Where points are, their normals without maps and sides, and what of the lamp reaches them.
 Lit = namedtuple("Lit", "position upright side irradiance")
 # Points with all about them: the ray that meets each, and all rays; normals as maps bend them, and without.
-Seen = namedtuple("Seen", "ray_of view_of direction face barycentric position normal upright side irradiance")
+SurfacePoints = namedtuple(
+    "SurfacePoints", "ray_of view_of direction face barycentric position normal upright side irradiance"
+)
 # Lattices on the faces of all objects: `LatticeLookup`'s arrays, and values at their places.
 Lattices = namedtuple("Lattices", "offsets corners columns rows start owner values")
 # Whether maps bend the normals of objects. Of the faces that rays meet: that of the stored surface which each
