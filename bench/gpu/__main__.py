@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.gpu.elastic import elastic_equality, elastic_speed
+from bench.gpu.fidelity import sight_truth
 from bench.gpu.run import KNOWN, LEARNED, Run, objects, versions
 from bench.gpu.sight import sight_equality, sight_speed
 from bench.gpu.sound import hundred_modes, sound
@@ -74,8 +75,10 @@ PARTS: dict[str, Callable[[Run], Any]] = {
     "known_sight_stages": lambda run: sight_stages(run, KNOWN),
     "hundred_objects": hundred_objects,
     "touch_speed_double": lambda run: touch_speed(run, "double"),
+    "sight_truth": sight_truth,
 }
-
+# Parts that need a data set run by name alone.
+OF_DATA_SET = {"sight_truth"}
 
 # Parts that compare with single queries, whose kernels are compiled by then.
 SINGLE_QUERIES = {
@@ -85,12 +88,15 @@ SINGLE_QUERIES = {
     "sound",
     "sight_equality",
     "known_sight_equality",
+    "sight_truth",
 }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; by default all")
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; by default those without a data set"
+    )
     parser.add_argument("--name", default="gpu", help="of the file of results")
     parser.add_argument("--cpu", action="store_true", help="run all lines on a CPU")
     parser.add_argument("--compile", action="store_true", help="compile single queries, and nothing else")
@@ -102,7 +108,7 @@ def main() -> None:
     if not asked.cpu:
         require_card(parser)
     run = Run(asked.cpu, asked.name)
-    chosen = [name for name in PARTS if name in (asked.parts or PARTS)]
+    chosen = [name for name in PARTS if name in (asked.parts or PARTS.keys() - OF_DATA_SET)]
     # Beside the kernels for the device, which this process compiles meanwhile.
     compiling = subprocess.Popen([sys.executable, "-m", "bench.gpu", "--compile"])
     run.part("versions", versions)

@@ -193,10 +193,10 @@ class ElasticView:
         grid, kind, device = ray_grid(sensor, samples), layer.grid.cpu().numpy().dtype, look[0].device
         eye = np.append(np.subtract(sensor.camera_position_m, sensor.gel_apex_m), grid.near)
         shape = (len(grid.v), len(grid.u))
-        seen = grid.u, grid.v, grid.gel_depth.reshape(shape), grid.gel_values.reshape(*shape, 3)
+        visible = grid.u, grid.v, grid.gel_depth.reshape(shape), grid.gel_values.reshape(*shape, 3)
         rays, places = (
             [upload(part, device, kind) for part in parts]
-            for parts in (seen, (eye, sensor.gel_apex_m, [DEPTH_STEPS_PER_M]))
+            for parts in (visible, (eye, sensor.gel_apex_m, [DEPTH_STEPS_PER_M]))
         )
         self._pixels = sensor.image_height * sensor.image_width
         self._layer, self._body = layer, elastic_bodies.membrane_body(sensor.photometric_table is not None)

@@ -19,9 +19,9 @@ from objectfolder.batch.sight_bodies import (
     Lamps,
     Lattices,
     Meshes,
-    Seen,
     Shade,
     Stored,
+    SurfacePoints,
     Trace,
     Volumes,
     bent_share,
@@ -74,13 +74,13 @@ def decoded(value):
 
 
 def _substance(
-    point, seen: Seen, looks: Looks, stored: Stored, albedo: Lattices, others: Lattices,
+    point, points: SurfacePoints, looks: Looks, stored: Stored, albedo: Lattices, others: Lattices,
     substance: Substance, base: Base,
 ):  # fmt: skip
     """Write terms and base colour of a point: `KnownLight.features`."""
-    ray = seen.ray_of[point]
-    number = looks.objects[seen.view_of[ray]]
-    place_on(stored, number, seen.face[ray], seen.barycentric[ray], base)
+    ray = points.ray_of[point]
+    number = looks.objects[points.view_of[ray]]
+    place_on(stored, number, points.face[ray], points.barycentric[ray], base)
     places, values = lattice_of(albedo, number)
     _interpolate(places, values, base.parent, base.inside, base.three)
     for c in range(3):
@@ -96,73 +96,75 @@ def _substance(
             base.metal[0] = base.levels[0, 1] / WHOLE
     row, levels = slice(point, point + 1), looks.levels[number]
     _terms(
-        seen.normal[row], seen.direction[ray : ray + 1], (base.colour, base.rough, base.metal),
+        points.normal[row], points.direction[ray : ray + 1], (base.colour, base.rough, base.metal),
         (looks.white[number], looks.mean[number], looks.rise[number]), levels[0], levels[1], LEAST_ROUGHNESS,
         substance.terms[row],
     )  # fmt: skip
 
 
 def _radiate(
-    point, seen: Seen, looks: Looks, shown: Shown, substance: Substance, bounced: Lattices, radiance,
-    light: Light,
+    point, points: SurfacePoints, looks: Looks, shown: Shown, substance: Substance, bounced: Lattices,
+    radiance, light: Light,
 ):  # fmt: skip
     """Write what (points, 3) a point sends of the lamp, reflected once or by way of the surface."""
-    ray, row = seen.ray_of[point], slice(point, point + 1)
-    view, beam = seen.view_of[ray], slice(ray, ray + 1)
+    ray, row = points.ray_of[point], slice(point, point + 1)
+    view, beam = points.view_of[ray], slice(ray, ray + 1)
     number, squared = looks.objects[view], 0.0
     for axis in range(3):
-        light.to_light[0, axis] = shown.places[view, axis] - seen.position[point, axis]
+        light.to_light[0, axis] = shown.places[view, axis] - points.position[point, axis]
         squared += light.to_light[0, axis] * light.to_light[0, axis]
         light.even[0, axis], light.gloss[0, axis], light.three[0, axis] = 0.0, 0.0, 0.0
     for axis in range(3):
         light.to_light[0, axis] /= max(math.sqrt(squared), 1e-9)
     light.row[0] = 0
-    if seen.irradiance[point] != 0.0:
+    if points.irradiance[point] != 0.0:
         _reflected(
-            (light.row, light.to_light), seen.normal[row], seen.upright[row], seen.direction[beam],
+            (light.row, light.to_light), points.normal[row], points.upright[row], points.direction[beam],
             substance.terms[row], looks.levels[number, 2], light.even, light.gloss,
         )  # fmt: skip
     places, some = lattice_of(bounced, number)
     if len(some):
         _interpolate(
-            places, shown.fields[shown.lamp[view]], seen.face[beam], seen.barycentric[beam], light.three
+            places, shown.fields[shown.lamp[view]], points.face[beam], points.barycentric[beam], light.three
         )
     for c in range(3):
         once = substance.base[point, c] * light.even[0, c] + light.gloss[0, c]
         again = substance.base[point, c] * substance.terms[point, 2] * light.three[0, c]
-        radiance[point, c] = seen.irradiance[point] * once + again
+        radiance[point, c] = points.irradiance[point] * once + again
 
 
 def _scatter(
-    number, seen: Seen, looks: Looks, lobes: Drawn, volumes: Volumes, facets, met: Glossy, lobe: Lobe
+    number, points: SurfacePoints, looks: Looks, lobes: Drawn, volumes: Volumes, facets, met: Glossy,
+    lobe: Lobe,
 ):  # fmt: skip
     """Write a direction of a point's gloss, what it meets, and what share of that is sent on."""
     point, sample = number // lobes.samples, number % lobes.samples
-    ray, row = seen.ray_of[point], slice(point, point + 1)
-    view, here = seen.view_of[ray], slice(number, number + 1)
+    ray, row = points.ray_of[point], slice(point, point + 1)
+    view, here = points.view_of[ray], slice(number, number + 1)
     own, first, _ = volumes_of(volumes, looks.objects[view])
     for axis in range(3):
-        lobe.facet[0, axis] = seen.side[point] * facets[first + seen.face[ray], axis]
-        lobe.towards[0, axis] = -seen.direction[ray, axis]
-        lobe.origin[0, axis] = seen.position[point, axis] + SELF_OFFSET * lobe.facet[0, axis]
+        lobe.facet[0, axis] = points.side[point] * facets[first + points.face[ray], axis]
+        lobe.towards[0, axis] = -points.direction[ray, axis]
+        lobe.origin[0, axis] = points.position[point, axis] + SELF_OFFSET * lobe.facet[0, axis]
         met.direction[number, axis], met.share[number, axis] = 0.0, 0.0
     lobe.u[0] = (lobes.first[point] + sample * FIRST_STEP) % 1.0
     lobe.v[0] = (lobes.second[point] + sample * SECOND_STEP) % 1.0
     lobe.width[0], lobe.density[0], lobe.row[0] = lobes.terms[point, 0], 0.0, 0
     met.view_of[number], met.face[number] = view, -1
     _lobe_directions(
-        (seen.normal[row], lobe.facet, lobe.towards), lobe.width, (lobe.u, lobe.v), LEAST_COSINE,
+        (points.normal[row], lobe.facet, lobe.towards), lobe.width, (lobe.u, lobe.v), LEAST_COSINE,
         (met.direction[here], lobe.density),
     )  # fmt: skip
     if not lobe.density[0] > 0:
         return
     _reflected(
-        (lobe.row, met.direction[here]), seen.normal[row], seen.upright[row], seen.direction[ray : ray + 1],
-        lobes.terms[row], looks.levels[looks.objects[view], 2], lobe.even, lobe.gloss,
+        (lobe.row, met.direction[here]), points.normal[row], points.upright[row],
+        points.direction[ray : ray + 1], lobes.terms[row], looks.levels[looks.objects[view], 2],
+        lobe.even, lobe.gloss,
     )  # fmt: skip
     cosine = 0.0
     for axis in range(3):
-        cosine += met.direction[number, axis] * seen.normal[point, axis]
+        cosine += met.direction[number, axis] * points.normal[point, axis]
     for c in range(3):
         met.share[number, c] = lobe.gloss[0, c] * cosine / (lobes.samples * math.pi * lobe.density[0])
     meet(number, own, met, Trace(lobe.origin, lobe.stack, lobe.entry, lobe.hit, lobe.where))

@@ -12,7 +12,7 @@ import numpy as np
 
 from objectfolder.batch import known_bodies
 from objectfolder.batch.resident import joined_records, upload
-from objectfolder.batch.sight_bodies import Seen
+from objectfolder.batch.sight_bodies import SurfacePoints
 from objectfolder.batch.sight_surfaces import (
     LATTICE_COUNTED,
     MAPS,
@@ -103,7 +103,9 @@ class KnownSight:
         )  # fmt: skip
         return number, fields
 
-    def shade(self, scene: Scene, points: Seen, cast: Cast, bounced: Bounced, colours: Tensor) -> None:
+    def shade(
+        self, scene: Scene, points: SurfacePoints, cast: Cast, bounced: Bounced, colours: Tensor
+    ) -> None:
         """Write the colours of rays that meet points; `cast` says where each is in its image."""
         radiance = self._radiated(scene, points, cast, bounced, self._samples, GLOSS_BOUNCES)
         scale = self._surfaces.radiance[scene.objects[points.view_of[points.ray_of]]]
@@ -111,7 +113,7 @@ class KnownSight:
         colours[points.ray_of, 3] = 1.0
 
     def _radiated(
-        self, scene: Scene, points: Seen, cast: Cast, bounced: Bounced, samples: int, times: int
+        self, scene: Scene, points: SurfacePoints, cast: Cast, bounced: Bounced, samples: int, times: int
     ) -> Tensor:
         """Return what (n, 3) float32 points send, showing others in their gloss `times`."""
         count = len(points.ray_of)

@@ -11,7 +11,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from objectfolder.batch.sight_bodies import TRACE, Rays, Seen, Trace, Volumes, meet, volumes_of
+from objectfolder.batch.sight_bodies import TRACE, Rays, SurfacePoints, Trace, Volumes, meet, volumes_of
 from objectfolder.batch.targets import Body, scalar
 from objectfolder.vision.compiled.network_kernels import (
     _incidence,
@@ -51,12 +51,12 @@ NetworkAnswers = namedtuple("NetworkAnswers", "answers inputs lobe")
 ViewedObjects = namedtuple("ViewedObjects", "objects mirrors radiance")
 
 
-def _inputs(point, seen: Seen, lamps: LampTerms, grids: Grids, network: NetworkInputs, to_light):
+def _inputs(point, points: SurfacePoints, lamps: LampTerms, grids: Grids, network: NetworkInputs, to_light):
     """Write the network's inputs of a point, a column of `inputs`, and the lobe of its highlight."""
     (objects, lights, lamp_terms), (inputs, lobe) = lamps, network
-    ray = seen.ray_of[point]
-    view = seen.view_of[ray]
-    position, normal, direction = seen.position[point], seen.normal[point], seen.direction[ray]
+    ray = points.ray_of[point]
+    view = points.view_of[ray]
+    position, normal, direction = points.position[point], points.normal[point], points.direction[ray]
     thing = objects[view]
     some, after, sides = grids.offsets[thing], grids.offsets[thing + 1], grids.resolutions[thing]
     place = position[0], position[1], position[2]
@@ -83,7 +83,7 @@ def _inputs(point, seen: Seen, lamps: LampTerms, grids: Grids, network: NetworkI
         normal, direction, to_light, grids.alpha2[thing], _LEAST_COSINE, inputs, row, point
     )
     _surroundings(
-        position, normal, direction, lights[view], seen.irradiance[point], inputs, row + ANGLES, point
+        position, normal, direction, lights[view], points.irradiance[point], inputs, row + ANGLES, point
     )  # fmt: skip
     row += ANGLES
     for term in range(LAMP_ROWS):
@@ -92,13 +92,13 @@ def _inputs(point, seen: Seen, lamps: LampTerms, grids: Grids, network: NetworkI
         inputs[term, point] = np.float32(0.0)
 
 
-def _mirror(point, seen: Seen, objects, volumes: Volumes, facets, met: Rays, trace: Trace):
+def _mirror(point, points: SurfacePoints, objects, volumes: Volumes, facets, met: Rays, trace: Trace):
     """Write what the mirror ray of a point meets, as `incidence.mirror_rays` and `first_hits` do."""
-    ray = seen.ray_of[point]
-    met.view_of[point] = seen.view_of[ray]
-    own, first, _ = volumes_of(volumes, objects[seen.view_of[ray]])
-    flat, side = facets[first + seen.face[ray]], seen.side[point]
-    normal, direction, mirrored = seen.normal[point], seen.direction[ray], met.direction[point]
+    ray = points.ray_of[point]
+    met.view_of[point] = points.view_of[ray]
+    own, first, _ = volumes_of(volumes, objects[points.view_of[ray]])
+    flat, side = facets[first + points.face[ray]], points.side[point]
+    normal, direction, mirrored = points.normal[point], points.direction[ray], met.direction[point]
     camera, rise, squared = 0.0, 0.0, 0.0
     for axis in range(3):
         camera -= normal[axis] * direction[axis]
@@ -109,7 +109,7 @@ def _mirror(point, seen: Seen, objects, volumes: Volumes, facets, met: Rays, tra
     for axis in range(3):
         mirrored[axis] += max(LEAST_MIRROR_COSINE - rise, 0.0) * side * flat[axis]
         squared += mirrored[axis] * mirrored[axis]
-        trace.origin[0, axis] = seen.position[point, axis] + SELF_OFFSET * side * flat[axis]
+        trace.origin[0, axis] = points.position[point, axis] + SELF_OFFSET * side * flat[axis]
     for axis in range(3):
         mirrored[axis] /= math.sqrt(squared)
     meet(point, own, met, trace)
@@ -126,27 +126,27 @@ def reflectance(point, c, answers, facing, fifth, lobe):
     return _sigmoid(answers[point, ALBEDO + c]) * even + gloss * lobe
 
 
-def _reflect(point, seen: Seen, objects, mirrors, network: NetworkAnswers, reflected):
+def _reflect(point, points: SurfacePoints, objects, mirrors, network: NetworkAnswers, reflected):
     """Write what a point reflects of the lamp to the mirror that its ray left, (points, 3)."""
     answers, inputs, lobe = network
-    ray = seen.ray_of[point]
-    if mirrors[objects[seen.view_of[ray]]]:
-        fifth, light = inputs[FEATURE_ROWS + 7, point], np.float32(seen.irradiance[point])
+    ray = points.ray_of[point]
+    if mirrors[objects[points.view_of[ray]]]:
+        fifth, light = inputs[FEATURE_ROWS + 7, point], np.float32(points.irradiance[point])
         for c in range(3):
             reflected[ray, c] = light * reflectance(point, c, answers, True, fifth, lobe[point])
 
 
-def _colour(point, seen: Seen, viewed: ViewedObjects, network: NetworkAnswers, reflected, colours):
+def _colour(point, points: SurfacePoints, viewed: ViewedObjects, network: NetworkAnswers, reflected, colours):
     """Write the RGBA of the ray that meets a point; `reflected` (points, 3) matters to mirrors."""
     (objects, mirrors, radiance), (answers, inputs, lobe) = viewed, network
-    ray = seen.ray_of[point]
-    number = objects[seen.view_of[ray]]
-    facing, light = mirrors[number], np.float32(seen.irradiance[point])
+    ray = points.ray_of[point]
+    number = objects[points.view_of[ray]]
+    facing, light = mirrors[number], np.float32(points.irradiance[point])
     fifth, rim = inputs[FEATURE_ROWS + 7, point], np.float32(0.0)
     if facing:
         beside = 1.0
         for axis in range(3):
-            beside += seen.normal[point, axis] * seen.direction[ray, axis]
+            beside += points.normal[point, axis] * points.direction[ray, axis]
         beside = min(max(beside, 0.0), 1.0)
         rim = np.float32(beside * beside * beside * beside * beside)
     for c in range(3):

@@ -7,7 +7,7 @@ import numpy as np
 from objectfolder.batch import learned_bodies
 from objectfolder.batch.learned_bodies import LEVELS
 from objectfolder.batch.resident import joined_records, upload
-from objectfolder.batch.sight_bodies import Seen
+from objectfolder.batch.sight_bodies import SurfacePoints
 from objectfolder.batch.sight_surfaces import Scene, Surfaces, room_for_rays
 from objectfolder.batch.targets import Tensor, torch
 from objectfolder.vision.compiled.network import LIGHT_INPUTS
@@ -45,7 +45,7 @@ class LearnedSight:
         self._mirrors = upload([MIRROR_WIDTH in own for own in weights], place)
         self._any_mirrors = any(MIRROR_WIDTH in own for own in weights)
 
-    def shade(self, scene: Scene, points: Seen, starts: Tensor, colours: Tensor) -> None:
+    def shade(self, scene: Scene, points: SurfacePoints, starts: Tensor, colours: Tensor) -> None:
         """Write the colours of rays that meet points; those of each object lie between two of `starts`."""
         answers = self._answered(scene, points, starts, self._alpha2)
         reflected = torch.zeros(
@@ -66,7 +66,7 @@ class LearnedSight:
         )  # fmt: skip
 
     def _answered(
-        self, scene: Scene, points: Seen, starts: Tensor, alpha2: Tensor
+        self, scene: Scene, points: SurfacePoints, starts: Tensor, alpha2: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Return answers (n, ANSWERS) of the networks, their inputs and the lobes (n,) of highlights."""
         count = len(points.ray_of)

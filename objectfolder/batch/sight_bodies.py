@@ -37,7 +37,9 @@ Meshes = namedtuple("Meshes", "corners corner_normals facets")
 # Where points are, their normals without maps and sides, and what of the lamp reaches them.
 Lit = namedtuple("Lit", "position upright side irradiance")
 # Points with all about them: the ray that meets each, and all rays; normals as maps bend them, and without.
-Seen = namedtuple("Seen", "ray_of view_of direction face barycentric position normal upright side irradiance")
+SurfacePoints = namedtuple(
+    "SurfacePoints", "ray_of view_of direction face barycentric position normal upright side irradiance"
+)
 # Lattices on the faces of all objects: `LatticeLookup`'s arrays, and values at their places.
 Lattices = namedtuple("Lattices", "offsets corners columns rows start owner values")
 # Whether maps bend the normals of objects. Of the faces that rays meet: that of the stored surface which each
@@ -211,15 +213,10 @@ def _bend(
     )  # fmt: skip
 
 
-def _blend(number, place_of, colours, rgba, shown):
-    """Write the mean RGBA of the rays of a pixel, and its `compositing.composite_on_white`."""
-    place, rays = place_of[number], colours.shape[0] // place_of.shape[0]
+@scalar
+def _show(rgba, shown, place):
+    """Write a pixel's `compositing.composite_on_white`."""
     one, zero, knee = np.float32(1.0), np.float32(0.0), np.float32(SRGB_KNEE)
-    for c in range(4):
-        total = zero
-        for ray in range(number * rays, (number + 1) * rays):
-            total += colours[ray, c]
-        rgba[place, c] = total / np.float32(rays)
     alpha = rgba[place, 3]
     for c in range(3):
         straight = min(max(rgba[place, c] / max(alpha, np.float32(1e-30)), zero), one)
@@ -228,6 +225,29 @@ def _blend(number, place_of, colours, rgba, shown):
         else:
             curved = np.float32(1.055) * straight ** np.float32(1 / 2.4) - np.float32(0.055)
         shown[place, c] = alpha * curved + (one - alpha)
+
+
+def _blend(number, place_of, colours, rgba, shown):
+    """Write the mean RGBA of the rays of a pixel, and its `compositing.composite_on_white`."""
+    place, rays = place_of[number], colours.shape[0] // place_of.shape[0]
+    for c in range(4):
+        total = np.float32(0.0)
+        for ray in range(number * rays, (number + 1) * rays):
+            total += colours[ray, c]
+        rgba[place, c] = total / np.float32(rays)
+    _show(rgba, shown, place)
+
+
+def _cover(number, place_of, share_of, rgba, shown):
+    """Give a pixel another coverage, with the colour that it has."""
+    place, zero = place_of[number], np.float32(0.0)
+    scale = share_of[number] / max(rgba[place, 3], np.float32(1e-30))
+    for c in range(4):
+        rgba[place, c] *= scale
+    if share_of[number] == zero:
+        for c in range(4):
+            rgba[place, c] = zero
+    _show(rgba, shown, place)
 
 
 def _uneven(place, lens, contrast, shown, marked):
@@ -272,4 +292,5 @@ cast = Body(_cast, 1, **TRACE)
 light = Body(_light, 1, **SHADE)
 bend = Body(_bend, 1, **PLACE)
 blend = Body(_blend)
+cover = Body(_cover)
 uneven = Body(_uneven)

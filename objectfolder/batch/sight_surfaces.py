@@ -7,7 +7,7 @@ import numpy as np
 
 from objectfolder.batch import sight_bodies
 from objectfolder.batch.resident import joined_records, upload
-from objectfolder.batch.sight_bodies import Rays, Seen
+from objectfolder.batch.sight_bodies import Rays, SurfacePoints
 from objectfolder.batch.targets import Tensor, torch
 from objectfolder.vision.compiled.lattice_values import LatticeLookup
 from objectfolder.vision.compiled.lighting import LitSurface
@@ -45,9 +45,9 @@ def hits(rays: Rays) -> Tensor:
     return torch.nonzero(rays.face >= 0)[:, 0]
 
 
-def points_of(points: Seen, some: slice) -> Seen:
+def points_of(points: SurfacePoints, some: slice) -> SurfacePoints:
     """Return some of the points, and all rays."""
-    return Seen(points.ray_of[some], *points[1:5], *(part[some] for part in points[5:]))
+    return SurfacePoints(points.ray_of[some], *points[1:5], *(part[some] for part in points[5:]))
 
 
 class Surfaces:
@@ -82,7 +82,7 @@ class Surfaces:
         )
         return rays
 
-    def lit(self, scene: Scene, rays: Rays) -> Seen:
+    def lit(self, scene: Scene, rays: Rays) -> SurfacePoints:
         """Return the points that rays meet, and what of the lamps arrives there."""
         ray = hits(rays)
         lit = [torch.empty((len(ray), *shape), dtype=torch.float64, device=self.device) for shape in POINT]
@@ -93,7 +93,7 @@ class Surfaces:
         if self._any_bends:
             normal = torch.empty_like(upright)
             sight_bodies.bend(len(ray), ray, *rays, *lamps, *self.stored, *self.maps, *lit, normal)
-        return Seen(ray, *rays, position, normal, upright, side, irradiance)
+        return SurfacePoints(ray, *rays, position, normal, upright, side, irradiance)
 
 
 # Shapes of position, normal, side and irradiance of a point.

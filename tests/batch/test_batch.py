@@ -183,6 +183,37 @@ def test_known_material_shows_light_its_maps_and_itself_as_in_single_queries(fil
     assert np.abs(answer[..., 3] - true[..., 3]).mean() < 0.002
 
 
+def test_more_rays_without_light_say_how_much_of_a_pixel_is_covered(files):
+    camera, light = files[0].sample_views(1)
+    views = 0, camera, light, 32
+    sight = SightBatch([files[0].sight], "cpu")
+    few, finer, many = (
+        sight.render_linear(*views, sub_rays=rays, coverage_rays=coverage, contrast=0.0).numpy()[0]
+        for rays, coverage in ((4, 0), (4, 64), (64, 0))
+    )
+    outline = (few[..., 3] > 0) & (few[..., 3] < 1)
+    assert outline.sum() > 20
+    np.testing.assert_allclose(finer[outline][:, 3], many[outline][:, 3], atol=1e-6)
+    assert np.abs(few[outline][:, 3] - many[outline][:, 3]).max() > 0.05
+    scale = finer[outline][:, 3:] / few[outline][:, 3:]  # the colour stays
+    np.testing.assert_allclose(finer[outline][:, :3], few[outline][:, :3] * scale, atol=1e-6)
+    assert (finer[~outline] == few[~outline]).all()
+
+
+def test_what_misses_the_centres_of_pixels_is_found_from_its_neighbours(files, monkeypatch):
+    camera, light = files[0].sample_views(1)
+    camera[:, :3, 3] *= 3.0  # 32 pixels show a part of it
+    sight = SightBatch([files[0].sight], "cpu")
+    views = 0, camera, light, 32
+    true = sight.render_linear(*views, sub_rays=64, contrast=-1.0).numpy()[..., 3]
+    alpha = {}
+    for rounds in (1, 4):
+        monkeypatch.setattr("objectfolder.batch.sight.ROUNDS", rounds)
+        alpha[rounds] = sight.render_linear(*views, sub_rays=64, contrast=0.0).numpy()[..., 3]
+    assert np.abs(alpha[4] - true).max() < 1e-6
+    assert np.abs(alpha[1] - true).max() > 0.05
+
+
 def test_two_fingers_in_eight_worlds_feel_their_objects_wherever_the_worlds_put_them(files):
     worlds, random = 8, np.random.default_rng(0)
     objects = np.repeat(np.arange(worlds) % 2, 2)
