@@ -25,7 +25,6 @@ from bench.factory.engines import (
 from bench.record import conclude, cpu_seconds, rows_of
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.errors import ObjectFolderError
-from objectfolder.mesh.body import topology_of
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import write_asset
@@ -80,7 +79,7 @@ def measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
 def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
     mesh, material = scans.mesh(name), scans.material(name)
     surface = scans.surface(name)
-    topology = topology_of(surface)
+    topology = surface.topology
     solid = solid_properties(surface.vertices, surface.faces)
     closed = topology.watertight and topology.consistent
     if not closed:  # as a data set has it: that of the solid that sounds

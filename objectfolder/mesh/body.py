@@ -1,46 +1,12 @@
 """Whether a surface bounds a solid, and that solid as a rigid body."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from objectfolder.surface.surface import Surface, connected_pieces
-
 MEASURED = ("topology", "solid", "wall_thickness", "area_m2", "length", "normals_of_source", "warnings")
 SOLID_MEASURES = ("volume_m3", "mass_kg", "centre_of_mass_m", "inertia_kg_m2")
-
-
-@dataclass(frozen=True)
-class Topology:
-    """Counts on a welded surface.
-
-    `watertight`: every edge has exactly two faces. `components`: pieces connected through shared vertices.
-    `boundary_edges` have one face, `non_manifold_edges` three or more, `zero_area_faces` less than 1e-14 of
-    the squared longest side. `consistent`: neighbouring faces are wound alike.
-    """
-
-    watertight: bool
-    consistent: bool
-    components: int
-    boundary_edges: int
-    non_manifold_edges: int
-    zero_area_faces: int
-
-
-def topology_of(surface: Surface) -> Topology:
-    """Count what keeps a welded surface from bounding a solid."""
-    table = surface.edges
-    smallest = 1e-14 * float(np.ptp(surface.vertices, axis=0).max()) ** 2
-    return Topology(
-        watertight=bool((table.face_count == 2).all()),
-        consistent=bool((table.imbalance[table.face_count == 2] == 0).all()),
-        components=connected_pieces(surface.faces)[0],
-        boundary_edges=int(np.count_nonzero(table.face_count == 1)),
-        non_manifold_edges=int(np.count_nonzero(table.face_count > 2)),
-        zero_area_faces=int(np.count_nonzero(surface.face_areas <= smallest)),
-    )
 
 
 def body_of(measured: Mapping[str, Any], density_kg_m3: float, filled: Mapping[str, Any]) -> dict[str, Any]:

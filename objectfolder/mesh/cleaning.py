@@ -16,7 +16,8 @@ from objectfolder.errors import InputError
 from objectfolder.mesh.inner_faces import inner_faces
 from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.mesh.orientation import consistent_patches, outward_orientation
-from objectfolder.surface.surface import connected_pieces, edge_table, face_normals_and_areas
+from objectfolder.surface.connectivity import connected_pieces, edge_table
+from objectfolder.surface.surface import face_normals_and_areas
 
 MOST_PIECES = 2000
 """Not connected to one another; what lies in what is asked of every pair. Furniture has up to 1,200."""

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import Topology, topology_of
 from objectfolder.mesh.cleaning import NESTED_REMEDY, CleaningReport, clean
 from objectfolder.mesh.mesh import TexturedMesh, mesh_arrays, with_length
 from objectfolder.mesh.readers.load import load_mesh
@@ -21,8 +20,8 @@ from objectfolder.mesh.walls import WallMeasures, measure_walls, wall_findings
 from objectfolder.products.store import Product
 from objectfolder.renaming import formerly_positional
 from objectfolder.surface.codec import too_large
+from objectfolder.surface.connectivity import Topology, connected_pieces
 from objectfolder.surface.integrals import NOTHING, counted_again, solid_properties
-from objectfolder.surface.surface import connected_pieces
 
 DEBRIS_SHARE = 0.01
 """Of the area: a piece with less is a speck, unless it is near the rest."""
@@ -120,7 +119,7 @@ def _measured(
     length_m: float | None,
 ) -> dict[str, Any]:
     """What is known of a mesh in metres, as attributes of its product."""
-    topology = topology_of(mesh.surface)
+    topology = mesh.surface.topology
     again = counted_again(mesh.surface) if walls.closed else NOTHING
     solid = solid_properties(mesh.vertices, mesh.faces, again)
     doubts = [str(finding) for finding in wall_findings(walls)]

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from objectfolder.surface.connectivity import EdgeTable, connected_pieces, edge_table
 from objectfolder.surface.openings import patches_of
-from objectfolder.surface.surface import EdgeTable, Surface, connected_pieces, edge_table
+from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import WindingNumber, is_closed
 
 FRONT, BACK = 0, 1

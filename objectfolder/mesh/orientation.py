@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from objectfolder.surface.surface import EdgeTable, edge_table
+from objectfolder.surface.connectivity import EdgeTable, edge_table
 from objectfolder.surface.winding_number import solid_angles
 
 _PROBES = 9

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from objectfolder.mesh.body import topology_of
 from objectfolder.surface.openings import LEAST_OPENING, has_cracks_only, opening_shares, patches_of
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
@@ -96,7 +95,7 @@ def measure_walls(surface: Surface) -> WallMeasures:
     >>> round(measures.wall_median_m, 6), round(measures.volume_m3, 6)
     (0.004, 8e-05)
     """
-    topology, volume = topology_of(surface), enclosed_volume(surface, samples=8192)[0]
+    topology, volume = surface.topology, enclosed_volume(surface, samples=8192)[0]
     closed = topology.watertight and topology.consistent and volume > 0
     extents = np.ptp(surface.bounds, axis=0)
     drawn = surface.sample(WALL_RAYS, 0)

@@ -11,8 +11,9 @@ from objectfolder.solid.local_thickness import LocalThickness, distances_across,
 from objectfolder.solid.normal_form import NormalForm, normal_form
 from objectfolder.solid.redundant_vertices import SURFACE_TOLERANCE
 from objectfolder.solid.solid import SMALLEST_SHARE, Solid
+from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.openings import patches_of
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.connectivity import edge_table
+from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
 Floats = NDArray[np.float64]

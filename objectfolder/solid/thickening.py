@@ -9,9 +9,10 @@ from scipy.spatial import cKDTree
 
 from objectfolder.errors import InputError
 from objectfolder.solid.local_thickness import distances_across
+from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.openings import LEAST_OPENING, apart, opening_shares, patches_of, rim_of
 from objectfolder.surface.signed_distance import surface_at_depth
-from objectfolder.surface.surface import Surface, corner_angles, edge_table
+from objectfolder.surface.surface import Surface, corner_angles
 
 SHELL_REMEDY = "Correct shell_m, or leave it empty for a solid object"
 

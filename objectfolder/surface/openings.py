@@ -6,7 +6,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from objectfolder.surface.surface import EdgeTable, Surface, connected_pieces
+from objectfolder.surface.connectivity import EdgeTable, connected_pieces
+from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from objectfolder.extras import needs_extra
-from objectfolder.surface.surface import SampledDistance, Surface, connected_pieces
+from objectfolder.surface.connectivity import connected_pieces
+from objectfolder.surface.surface import SampledDistance, Surface
 from objectfolder.surface.winding_number import WindingNumber, is_closed
 
 Floats = NDArray[np.float64]

@@ -8,45 +8,11 @@ from typing import Any
 import numpy as np
 
 from objectfolder.surface.bounding_boxes import BoundingBoxTree, closest_barycentric, intersect
+from objectfolder.surface.connectivity import EdgeTable, Topology, edge_table, topology_of
 
 SMOOTH_BELOW_DEG = 30.0
 PAIRS_AT_ONCE = 1 << 20  # of corners: the memory that smooth normals take
 SHARP_ABOVE_DEG = 50.0
-
-
-@dataclass(frozen=True)
-class EdgeTable:
-    """Undirected edges of F triangles.
-
-    Parameters
-    ----------
-    vertices
-        (E, 2) int64, the lower vertex first.
-    of_corner
-        (3 F,) int64, the edge that starts at each corner (corners in face order).
-    forward
-        (3 F,) bool, whether the face runs along it from the lower to the higher vertex.
-    face_count
-        (E,) int64 faces at each edge.
-    """
-
-    vertices: np.ndarray
-    of_corner: np.ndarray
-    forward: np.ndarray
-    face_count: np.ndarray
-
-    @property
-    def imbalance(self) -> np.ndarray:
-        """(E,) forward runs less backward runs; zero everywhere on a closed, consistently wound surface."""
-        return np.bincount(
-            self.of_corner, weights=np.where(self.forward, 1.0, -1.0), minlength=len(self.vertices)
-        ).astype(np.int64)
-
-    def manifold_pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (n,), (n,) that share an edge of exactly two faces."""
-        order = np.argsort(self.of_corner, kind="stable")
-        starts = np.concatenate([[0], np.cumsum(self.face_count)[:-1]])[self.face_count == 2]
-        return order[starts], order[starts + 1]
 
 
 @dataclass(frozen=True)
@@ -158,6 +124,11 @@ class Surface:
     def edges(self) -> EdgeTable:
         """The edges of the faces."""
         return edge_table(self.faces)
+
+    @cached_property
+    def topology(self) -> Topology:
+        """What keeps the surface, if welded, from bounding a solid."""
+        return topology_of(self.vertices, self.faces, self.edges, self.face_areas)
 
     @cached_property
     def _triangles(self) -> np.ndarray:
@@ -365,26 +336,3 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     total[flat] = normals[np.flatnonzero(flat) // 3]
     length[flat] = np.maximum(np.linalg.norm(total[flat], axis=1), 1e-300)
     return (total / length[:, None]).reshape(len(faces), 3, 3)
-
-
-def edge_table(faces: np.ndarray) -> EdgeTable:
-    """Edges of (F, 3) faces."""
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    forward = start < end
-    pairs = np.stack([np.minimum(start, end), np.maximum(start, end)], axis=1)
-    keys = pairs[:, 0] * (int(faces.max()) + 1) + pairs[:, 1]
-    _, first, of_corner, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
-    return EdgeTable(pairs[first], of_corner.reshape(-1), forward, counts)
-
-
-def connected_pieces(faces: np.ndarray) -> tuple[int, np.ndarray]:
-    """Number of pieces connected through shared vertices, and the piece (F,) of each face."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    size = int(faces.max()) + 1
-    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
-    graph = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(size, size))
-    _, label = connected_components(graph, directed=False)
-    pieces, of_face = np.unique(label[faces[:, 0]], return_inverse=True)
-    return len(pieces), of_face

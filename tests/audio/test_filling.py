@@ -14,8 +14,9 @@ from objectfolder.solid import filling, thickening
 from objectfolder.solid.filling import Filling, fill
 from objectfolder.solid.solid import Solid
 from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
+from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.signed_distance import surface_at_depth
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.surface import Surface
 
 BOX = trimesh.creation.box((1.0, 1.0, 1.0))
 

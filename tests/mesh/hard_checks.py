@@ -18,7 +18,6 @@ from hard_meshes import (
 )
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.ingest import ingest_object
 from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
@@ -56,7 +55,7 @@ def check(path: Path, truth: Truth) -> Product:
     if path.suffix in (".gltf", ".glb"):
         truth = z_up(truth)
     mesh, _ = clean(load_mesh(path))
-    topology = topology_of(mesh.surface)
+    topology = mesh.surface.topology
     assert (topology.watertight, topology.consistent) == (truth.watertight, True)
     product = ingest_object(path, length_m=truth.length_m, object_id="hard")
     attributes = product.attributes

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from small_meshes import CUBE_FACES, CUBE_VERTICES, bare_mesh, cube, sorted_triangles, sphere
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.surface.integrals import solid_properties
 
@@ -24,7 +23,7 @@ def test_vertices_repeated_at_seams_are_welded():
     separate = bare_mesh(CUBE_VERTICES[CUBE_FACES].reshape(-1, 3), np.arange(36).reshape(12, 3))
     mesh, report = clean(separate)
     assert report.vertices_welded == 28
-    assert topology_of(mesh.surface).watertight
+    assert mesh.surface.topology.watertight
 
 
 def test_negative_zero_is_zero():
@@ -43,7 +42,7 @@ def test_faces_folded_by_rounding_are_dropped_in_pairs():
     mesh, report = clean(bare_mesh(vertices, np.array(faces)))
     assert report.degenerate_faces_dropped == 3
     assert report.folded_faces_dropped == 2
-    topology = topology_of(mesh.surface)
+    topology = mesh.surface.topology
     assert topology.watertight
     assert topology.non_manifold_edges == 0
     assert len(mesh.faces) == 12
@@ -112,7 +111,7 @@ def test_solid_in_a_cavity_and_solid_beside_are_solids():
 def test_open_surface_turned_inwards_is_turned_out_as_a_whole():
     mesh, report = clean(bare_mesh(CUBE_VERTICES, CUBE_FACES[2:, ::-1]))
     assert report.faces_reversed == 10
-    topology = topology_of(mesh.surface)
+    topology = mesh.surface.topology
     assert (topology.watertight, topology.boundary_edges, topology.consistent) == (False, 4, True)
 
 
@@ -161,7 +160,7 @@ def test_a_sheet_doubled_back_to_back_is_a_sheet():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     mesh, report = clean(bare_mesh(vertices, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]])))
     assert (len(mesh.faces), report.doubled_faces_dropped) == (2, 2)
-    assert topology_of(mesh.surface).consistent
+    assert mesh.surface.topology.consistent
 
 
 def dirty_mesh(seed: int):

@@ -10,7 +10,6 @@ from hard_meshes import encoded, quarters, write_text
 
 from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.readers.load import load_mesh
 from pipeline.cli import main
@@ -69,7 +68,7 @@ def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, caps
     assert (int(said[1]), int(said[2])) == (2 * ROUND * ROWS, len(read.faces))
     assert 590 <= len(read.faces) <= 600
     mesh, _ = clean(read)
-    assert topology_of(mesh.surface).watertight
+    assert mesh.surface.topology.watertight
     inward = RADIUS - np.linalg.norm(mesh.surface.sample(2000, 0).points, axis=1)
     assert float(said[3]) == pytest.approx(1e3 * inward.max(), rel=0.3)
     assert float(said[3]) < 0.03 * 1e3 * RADIUS

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from small_meshes import bare_mesh, box
 
-from objectfolder.mesh.body import topology_of
 from objectfolder.mesh.cleaning import clean
 from objectfolder.mesh.walls import measure_walls, wall_findings
 from objectfolder.surface.integrals import solid_properties
@@ -82,7 +81,7 @@ KINDS = {
 def test_the_outside_is_what_is_solid(kind):
     parts, dropped = KINDS[kind]
     mesh, report = clean(bare_mesh(*joined(*parts)))
-    topology = topology_of(mesh.surface)
+    topology = mesh.surface.topology
     assert (topology.watertight, topology.consistent, topology.components) == (True, True, 1)
     assert solid_properties(mesh.vertices, mesh.faces).volume_m3 == pytest.approx(VOLUME, rel=1e-5)
     assert report.inner_faces_dropped == dropped
@@ -113,7 +112,7 @@ def test_solids_that_touch_at_a_corner_each_keep_their_outside():
     moved = [(vertices + np.array([0.1, 0.08, 0]), faces) for vertices, faces in other]
     mesh, report = clean(bare_mesh(*joined(*one, *moved)))
     assert report.inner_faces_dropped == 4
-    assert topology_of(mesh.surface).watertight
+    assert mesh.surface.topology.watertight
     assert solid_properties(mesh.vertices, mesh.faces).volume_m3 == pytest.approx(2 * VOLUME)
 
 

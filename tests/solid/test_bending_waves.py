@@ -8,7 +8,8 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES
 
 from objectfolder.solid.bending_waves import BendingWaves
 from objectfolder.solid.filling import Filling, fill
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.connectivity import edge_table
+from objectfolder.surface.surface import Surface
 
 STEEL_PLATE_SPEED_M_S = 5300.0
 

@@ -7,8 +7,9 @@ from walled_shapes import spherical_cap
 
 from objectfolder.errors import InputError
 from objectfolder.solid.thickening import hollow
+from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.signed_distance import surface_at_depth
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 
 NODES = 50_000

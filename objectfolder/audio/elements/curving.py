@@ -32,7 +32,8 @@ from objectfolder.audio.elements.hierarchic import (
 )
 from objectfolder.audio.elements.space import Space
 from objectfolder.audio.factorisation import Factorisation
-from objectfolder.surface.surface import Surface, edge_table
+from objectfolder.surface.connectivity import edge_table
+from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

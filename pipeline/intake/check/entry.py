@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
-from objectfolder.mesh.body import Topology, topology_of
 from objectfolder.mesh.cleaning import CleaningReport, clean
 from objectfolder.mesh.mesh import with_length
 from objectfolder.mesh.readers.load import load_mesh
 from objectfolder.mesh.walls import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
+from objectfolder.surface.connectivity import Topology
 from objectfolder.surface.integrals import solid_properties
 from pipeline.dataset.catalogue import ObjectRecord, number_in
 from pipeline.intake.sources.registry import SOURCES, source_and_name
@@ -174,7 +174,7 @@ def measure(record: ObjectRecord) -> Shape:
     mesh, _ = with_length(clean_mesh, record.length_m, where)
     return Shape(
         file_extents=(extents[0], extents[1], extents[2]),
-        topology=topology_of(mesh.surface),
+        topology=mesh.surface.topology,
         walls=measure_walls(mesh.surface),
         mesh_sha256=file_digest(record.mesh),
         texture_sha256=None if record.texture is None else file_digest(record.texture),
