@@ -142,8 +142,9 @@ def report(
     json
         print the summary as JSON
     """
-    from pipeline.publish.data_set import make_report, summary_of
+    from pipeline.publish.data_set import summary_of
     from pipeline.publish.report.partition_index import write_partition_index
+    from pipeline.publish.report.report import make_report
 
     if json and not summary:
         raise UsageError("report --json", "prints a summary", "Give --summary too.")

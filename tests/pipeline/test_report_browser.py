@@ -18,7 +18,7 @@ from report_data_sets import HOSTILE, write_object
 
 from objectfolder.fidelity.sound import stored_strike
 from objectfolder.products.store import Product, read_product, write_product
-from pipeline.publish.report.writing import write_report
+from pipeline.publish.report.report import write_report
 from tests.patience import wait_until
 
 pytest_plugins = ["tests.browser"]

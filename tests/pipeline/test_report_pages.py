@@ -24,7 +24,7 @@ from pipeline.dataset.job import Runner
 from pipeline.publish.report import page_files
 from pipeline.publish.report.object_page import STRIKES, page_name, shown_fingerprint
 from pipeline.publish.report.page_files import RunnerFor
-from pipeline.publish.report.writing import write_report
+from pipeline.publish.report.report import write_report
 
 HOSTILE_FAILURE = FailedObject("broken", HOSTILE, HOSTILE, HOSTILE)
 UNICODE = "Krug «Größe» 茶碗 🏺 ‮right to left"

@@ -15,8 +15,9 @@ from objectfolder.fidelity.contacts import PIXELS
 from objectfolder.products.provenance import canonical_json
 from objectfolder.products.regular_file import open_regular
 from objectfolder.products.store import Product
+from pipeline.dataset import measures
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import BYTE_PARTS, REPORTED, number_at
+from pipeline.dataset.measures import number_at
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.dataset.verified import Verified
@@ -237,11 +238,10 @@ def _environment() -> jinja2.Environment:
         "lines": lambda value: json.dumps(value, indent=1, sort_keys=True, ensure_ascii=False),
     }
     environment.globals |= {
-        "byte_parts": BYTE_PARTS,
         "contact_pixels": PIXELS,
         "definitions_of": definitions_of,
-        "headline": REPORTED,
         "material_of": _material,
+        "measures": measures,
         "sense_names": SENSE_NAMES,
         "spectrogram_marks": [
             (text, round(104 - 100 * spectrogram_share(hertz), 1)) for text, hertz in SPECTROGRAM_MARKS

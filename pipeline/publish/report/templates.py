@@ -15,20 +15,11 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from pipeline.dataset.measures import MINUS, NOTHING, megabytes, number
 from pipeline.publish.cards.licences import Licence
 
 TEMPLATES = Path(__file__).parent / "template"
-NOTHING = "\N{EN DASH}"
-MINUS = "\N{MINUS SIGN}"
 TIMES = "\N{MULTIPLICATION SIGN}"
-
-
-def number(value: Any, decimals: int = 1) -> str:
-    """Return a number with a fixed count of decimals and a true minus sign; a dash for None."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    text = f"{float(value):,.{decimals}f}".replace(",", "\u202f")
-    return text.replace("-", MINUS) if float(f"{value:.{decimals}f}") else text.lstrip("-")
 
 
 def digits(value: Any, count: int = 3) -> str:
@@ -41,13 +32,6 @@ def digits(value: Any, count: int = 3) -> str:
         return f"{mantissa} {TIMES} 10{str(int(exponent)).translate(superscripts)}".replace("-", MINUS)
     decimals = max(0, count - 1 - math.floor(math.log10(abs(value)))) if value else 0
     return number(value, decimals)
-
-
-def megabytes(size: Any) -> str:
-    """Return bytes in MB (a million bytes), in whole kB below one."""
-    if size is None:
-        return NOTHING
-    return f"{number(size / 1e3, 0)} kB" if size < 999_500 else f"{number(size / 1e6, 2)} MB"
 
 
 def seconds(value: float) -> str:
