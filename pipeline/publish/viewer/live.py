@@ -30,7 +30,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.publish.viewer.live_queries import Answer, LiveObjects
-from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS, object_files_of
+from pipeline.publish.viewer.static import PAGE, object_files_of
 
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
@@ -168,33 +168,26 @@ class Page:
 
     Parameters
     ----------
-    html, scripts
-        Of the folder of pages; SCRIPTS in the page stands for them.
+    html
+        Of the folder of pages. All scripts of the folder are offered beside it.
     questions
         What answers each, and in which threads.
     warm
         What is done first, and where.
-    beside
-        Scripts of the folder that the others load into threads of their own.
     streams
         What answers one question without end: each header says what is asked for ``since`` in the next.
     """
 
     html: str
-    scripts: Sequence[str]
     questions: Mapping[str, Asked]
     warm: Sequence[tuple[Callable[[], None], ThreadPoolExecutor]] = ()
-    beside: Sequence[str] = ()
     streams: Mapping[str, Asked] = field(default_factory=dict)
 
     def files(self) -> dict[str, tuple[str, bytes]]:
         """Return name and content of each file by its path."""
-        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *self.scripts, *self.beside)}
-        return {path: (name, self._content(name)) for path, name in names.items()}
-
-    def _content(self, name: str) -> bytes:
-        scripts = "".join(f'<script src="{script}" defer></script>\n' for script in self.scripts)
-        return (PAGE / name).read_text(encoding="utf-8").replace("SCRIPTS", scripts).encode()
+        scripts = sorted(path.name for path in PAGE.glob("*.js"))
+        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *scripts)}
+        return {path: (name, (PAGE / name).read_bytes()) for path, name in names.items()}
 
 
 class Server:
@@ -253,7 +246,7 @@ def page_of_objects(live: LiveObjects) -> Page:
         for name in ("render", "object", "strike", "partials", "press")
     }
     warm = ((live[0].warm_images, images), (live[0].warm_contacts, contacts))
-    return Page("live.html", (*SHARED_SCRIPTS, "asking.js", "live_object.js", "live.js"), questions, warm)
+    return Page("live.html", questions, warm)
 
 
 def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:

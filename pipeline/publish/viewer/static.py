@@ -7,7 +7,8 @@ Nothing is fetched: everything works in a page opened from disk.
 
 import base64
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from objectfolder.errors import InputError
@@ -17,25 +18,9 @@ from pipeline.publish.viewer import FORMAT
 
 FILES_OF = "*.safetensors"  # a folder
 PAGE = Path(__file__).parent / "page"
-SHARED_SCRIPTS = (
-    "algebra.js",
-    "orbit.js",
-    "contact.js",
-    "elements.js",
-    "gestures.js",
-    "python_text.js",
-    "listening.js",
-    "charts.js",
-    "panel.js",
-)
-STATIC_SCRIPTS = (
-    "stored_data.js",
-    "stored_surface.js",
-    "stored_modes.js",
-    "drawing.js",
-    "stored_object.js",
-    "player.js",
-)
+# A script imports names in lines of their own, and exports what it declares where it declares it.
+IMPORT = re.compile(r'^import (\{.+\}) from "\./(.+)";$', re.MULTILINE)
+EXPORT = re.compile(r"^export (?=(?:async )?(?:const|class|function\*?) (\w+))", re.MULTILINE)
 
 
 def object_files_of(paths: Sequence[Path]) -> list[Path]:
@@ -100,10 +85,22 @@ def player_script(object_file: Path, object_id: str, cache: Path | None = None) 
 
 def write_player_assets(folder: Path) -> set[str]:
     """Write ``player.js`` and ``player.css``, once for all objects of a page; return their names."""
-    code = "".join((PAGE / name).read_text(encoding="utf-8") for name in (*SHARED_SCRIPTS, *STATIC_SCRIPTS))
-    _write(folder / "player.js", code.encode())
+    code = ['"use strict";\n(() => {\nconst modules = {};\n', *_modules("player.js", set()), "})();\n"]
+    _write(folder / "player.js", "".join(code).encode())
     _write(folder / "player.css", (PAGE / "player.css").read_bytes())
     return {"player.js", "player.css"}
+
+
+def _modules(name: str, known: set[str]) -> Iterator[str]:
+    """Yield a script as a function, after those that it imports: browsers load no modules from disk."""
+    known.add(name)
+    text = (PAGE / name).read_text(encoding="utf-8")
+    for _, other in IMPORT.findall(text):
+        if other not in known:
+            yield from _modules(other, known)
+    body = EXPORT.sub("", IMPORT.sub(r'const \1 = modules["\2"];', text))
+    exports = ", ".join(EXPORT.findall(text))
+    yield f'modules["{name}"] = (() => {{\n{body}return {{ {exports} }};\n}})();\n'
 
 
 def _write(path: Path, content: bytes) -> None:
