@@ -26,9 +26,10 @@ from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import no_picture
 from pipeline.publish.report.summary import definitions_of, error_words, setting_words, split
 from pipeline.publish.report.templates import security_policy, template_environment
+from pipeline.publish.viewer.static import PAGE as PLAYER_SCRIPTS
 
 SENSE_NAMES = {"vision": "Sight", "audio": "Sound", "touch": "Touch"}
-SCRIPTS = ("strikes.js", "object.js")
+SCRIPTS = ("object.js",)
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
@@ -230,7 +231,7 @@ def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str, str]
 def _environment() -> jinja2.Environment:
     from pipeline.publish.report.sounds import spectrogram_share
 
-    environment = template_environment()
+    environment = template_environment(PLAYER_SCRIPTS)
     environment.filters |= {
         "page_name": page_name,
         "setting": lambda row: setting_words(row["setting"], row["value"], row["value"]),

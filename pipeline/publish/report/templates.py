@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from pipeline.dataset.measures import MINUS, NOTHING, megabytes, number
 from pipeline.publish.cards.licences import Licence
+from pipeline.publish.viewer.joined_scripts import joined_script
 
 TEMPLATES = Path(__file__).parent / "template"
 TIMES = "\N{MULTIPLICATION SIGN}"
@@ -62,7 +63,7 @@ def template_environment(*folders: Path) -> jinja2.Environment:
     """Return an environment that finds templates in `folders`, then those of the report.
 
     It escapes, is strict about names that are not given, and has the functions above as filters and
-    ``script(name)``, which puts a script of these folders into the page.
+    ``script(name)``, which puts a script of these folders into the page, with those that it imports.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([*folders, TEMPLATES]),
@@ -74,7 +75,7 @@ def template_environment(*folders: Path) -> jinja2.Environment:
     printers = (number, digits, megabytes, percent, seconds)
     links = (licence_link, web_link)
     environment.filters |= {function.__name__: function for function in (*printers, *links)}
-    environment.globals["script"] = lambda name: Markup(f"<script>{_source(environment, name)}</script>")
+    environment.globals["script"] = lambda name: Markup(f"<script>{_script(environment, name)}</script>")
     return environment
 
 
@@ -89,7 +90,7 @@ def security_policy(environment: jinja2.Environment, scripts: Sequence[str]) -> 
         Names of scripts of the environment that the page has by ``script(name)``.
     """
     hashes = " ".join(
-        f"'sha256-{base64.b64encode(hashlib.sha256(_source(environment, name).encode()).digest()).decode()}'"
+        f"'sha256-{base64.b64encode(hashlib.sha256(_script(environment, name).encode()).digest()).decode()}'"
         for name in scripts
     )
     return (
@@ -99,6 +100,9 @@ def security_policy(environment: jinja2.Environment, scripts: Sequence[str]) -> 
     )
 
 
-def _source(environment: jinja2.Environment, name: str) -> str:
-    assert environment.loader is not None
-    return environment.loader.get_source(environment, name)[0]
+def _script(environment: jinja2.Environment, name: str) -> str:
+    def source(name: str) -> str:
+        assert environment.loader is not None
+        return environment.loader.get_source(environment, name)[0]
+
+    return joined_script(name, source)

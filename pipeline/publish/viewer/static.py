@@ -7,20 +7,17 @@ Nothing is fetched: everything works in a page opened from disk.
 
 import base64
 import json
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import file_digest
 from pipeline.publish.viewer import FORMAT
+from pipeline.publish.viewer.joined_scripts import joined_script
 
 FILES_OF = "*.safetensors"  # a folder
 PAGE = Path(__file__).parent / "page"
-# A script imports names in lines of their own, and exports what it declares where it declares it.
-IMPORT = re.compile(r'^import (\{.+\}) from "\./(.+)";$', re.MULTILINE)
-EXPORT = re.compile(r"^export (?=(?:async )?(?:const|class|function\*?) (\w+))", re.MULTILINE)
 
 
 def object_files_of(paths: Sequence[Path]) -> list[Path]:
@@ -85,22 +82,10 @@ def player_script(object_file: Path, object_id: str, cache: Path | None = None) 
 
 def write_player_assets(folder: Path) -> set[str]:
     """Write ``player.js`` and ``player.css``, once for all objects of a page; return their names."""
-    code = ['"use strict";\n(() => {\nconst modules = {};\n', *_modules("player.js", set()), "})();\n"]
-    _write(folder / "player.js", "".join(code).encode())
+    code = joined_script("player.js", lambda name: (PAGE / name).read_text(encoding="utf-8"))
+    _write(folder / "player.js", code.encode())
     _write(folder / "player.css", (PAGE / "player.css").read_bytes())
     return {"player.js", "player.css"}
-
-
-def _modules(name: str, known: set[str]) -> Iterator[str]:
-    """Yield a script as a function, after those that it imports: browsers load no modules from disk."""
-    known.add(name)
-    text = (PAGE / name).read_text(encoding="utf-8")
-    for _, other in IMPORT.findall(text):
-        if other not in known:
-            yield from _modules(other, known)
-    body = EXPORT.sub("", IMPORT.sub(r'const \1 = modules["\2"];', text))
-    exports = ", ".join(EXPORT.findall(text))
-    yield f'modules["{name}"] = (() => {{\n{body}return {{ {exports} }};\n}})();\n'
 
 
 def _write(path: Path, content: bytes) -> None:

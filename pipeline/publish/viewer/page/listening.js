@@ -26,14 +26,13 @@ export function play(samples, sampleRate, gain) {
   return { played, peak, quieter: played < gain, buffer };
 }
 
-// What `play` returned, as it was heard: 16 bits, one channel.
-export function wavOf({ buffer, played }) {
-  const samples = buffer.getChannelData(0);
-  const [rate, bytes] = [Math.round(buffer.sampleRate), 2 * samples.length];
+// Samples times a gain as a file of 16 bits, one channel.
+export function wavOf(samples, rate, gain = 1) {
+  const bytes = 2 * samples.length;
   const wav = new DataView(new ArrayBuffer(44 + bytes));
   // "RIFF", "WAVE", "fmt ", one channel of PCM, "data".
   const head = [0x46464952, 36 + bytes, 0x45564157, 0x20746d66, 16, 0x10001, rate, 2 * rate, 0x100002, 0x61746164, bytes];
   head.forEach((word, index) => wav.setUint32(4 * index, word, true));
-  samples.forEach((value, index) => wav.setInt16(44 + 2 * index, Math.round(FULL_SCALE * played * value), true));
+  samples.forEach((value, index) => wav.setInt16(44 + 2 * index, Math.round(FULL_SCALE * gain * value), true));
   return new Blob([wav.buffer], { type: "audio/wav" });
 }

@@ -113,7 +113,7 @@ class Panel {
     );
     const name = this.object.facts.id ?? "object";
     const save = (text, act) => element("button", { type: "button", onclick: act }, text);
-    this.saveSound = save("Save sound (WAV)", () => saved(wavOf(this.heard), `${name}.wav`));
+    this.saveSound = save("Save sound (WAV)", () => saved(this._wav(), `${name}.wav`));
     this.saveSound.disabled = true;
     const tools = [["strike", "Strike"]].concat(this.object.press ? [["press", "Press"]] : []);
     this.answer = element("div", { class: "player-answer" });
@@ -164,6 +164,12 @@ class Panel {
 
   _picture() {
     this.canvas.toBlob((png) => saved(png, `${this.object.facts.id ?? "object"}.png`));
+  }
+
+  // What was played last, as it was heard.
+  _wav() {
+    const { buffer, played } = this.heard;
+    return wavOf(buffer.getChannelData(0), Math.round(buffer.sampleRate), played);
   }
 
   _home() {

@@ -1,7 +1,22 @@
 // The gains of modes at stored places, and the sound that they make.
 
-// A mode ends where it has fallen to this fraction.
+// Of its amplitude; a mode of a player ends where it has fallen to this.
 const FLOOR = 1e-6;
+
+// Samples of modes by their amplitudes; each is a recursion of two terms: a, b, and its first two samples.
+export function sounding(recursions, amplitudes, count, floor = 0) {
+  const total = new Float64Array(count);
+  amplitudes.forEach((amplitude, mode) => {
+    const [a, b, first, second] = recursions[mode];
+    const least = floor * Math.abs(amplitude);
+    let [now, next] = [amplitude * first, amplitude * second];
+    for (let n = 0; n < count && Math.abs(now) + Math.abs(next) > least; n += 1) {
+      total[n] += now;
+      [now, next] = [next, a * next + b * now];
+    }
+  });
+  return total;
+}
 
 export class StoredModes {
   constructor({ frequencies_hz, dampings_per_s, sample_rate_hz, recursions, gain_steps }, { gains }, places) {
@@ -23,18 +38,8 @@ export class StoredModes {
     });
   }
 
-  // The velocity along the normal where it is struck, m/s; each mode by a, b, and its first two samples.
+  // The velocity along the normal where it is struck, m/s.
   sound(amplitudes, duration) {
-    const total = new Float64Array(Math.round(duration * this.rate));
-    amplitudes.forEach((amplitude, mode) => {
-      const [a, b, first, second] = this.recursions[mode];
-      const least = FLOOR * Math.abs(amplitude);
-      let [now, next] = [amplitude * first, amplitude * second];
-      for (let n = 0; n < total.length && Math.abs(now) + Math.abs(next) > least; n += 1) {
-        total[n] += now;
-        [now, next] = [next, a * next + b * now];
-      }
-    });
-    return Float32Array.from(total);
+    return Float32Array.from(sounding(this.recursions, amplitudes, Math.round(duration * this.rate), FLOOR));
   }
 }

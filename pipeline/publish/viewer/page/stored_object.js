@@ -1,5 +1,5 @@
 // An object of a data script, as `panel.js` asks it.
-import { dot, length, minus, times } from "./algebra.js";
+import { dot, length, minus, times, unit } from "./algebra.js";
 import { outward, pushOf } from "./contact.js";
 import { Drawing } from "./drawing.js";
 import { storedArrays } from "./stored_data.js";
@@ -31,7 +31,8 @@ export class StoredObject {
     this.surface = new StoredSurface(header, arrays);
     const places = Array.from(arrays.place_faces, (face, place) => {
       const [first, second] = [0, 1].map((at) => arrays.place_barycentric[2 * place + at] / 255);
-      return this.surface.placeOn(face, [first, second, 1 - first - second]);
+      const { point } = this.surface.placeOn(face, [first, second, 1 - first - second]);
+      return { point, normal: unit([...arrays.place_normals.subarray(3 * place, 3 * place + 3)]) };
     });
     this.modes = new StoredModes(header.sound, arrays, places);
     this.sheet = sheet;

@@ -1,8 +1,7 @@
-// The surface: vertices as the package decodes them, normals, and the first place that a ray meets.
-import { dot, plus, minus, times, cross, length, unit, clamp } from "./algebra.js";
+// The surface: vertices as the package decodes them, its shading normals, and the first place that a ray meets.
+import { dot, plus, minus, times, cross, length, unit } from "./algebra.js";
 
-// Faces that turn less are shaded as one, more as two, smoothly between: as `geometry.normals` does.
-const [SMOOTH, SHARP] = [30, 50].map((angle) => Math.cos((angle * Math.PI) / 180));
+const NORMAL_STEPS = 127;
 
 export class StoredSurface {
   constructor(header, arrays) {
@@ -10,7 +9,10 @@ export class StoredSurface {
     this.faces = arrays.faces;
     this.vertices = Float64Array.from(arrays.positions, (value, index) => origin[index % 3] + value * step);
     this.faceCount = this.faces.length / 3;
-    this._normals();
+    const corners = this.faces.length;
+    this.cornerNormals = Float32Array.from({ length: 3 * corners }, (_, at) => {
+      return arrays.normals[(at % 3) * corners + Math.floor(at / 3)] / NORMAL_STEPS;
+    });
     this._bins();
   }
 
@@ -27,40 +29,6 @@ export class StoredSurface {
 
   corners(face) {
     return [0, 1, 2].map((corner) => this.vertex(this.faces[3 * face + corner]));
-  }
-
-  // Face normals, and shading normals of the corners.
-  _normals() {
-    this.faceNormals = new Float64Array(3 * this.faceCount);
-    const angles = new Float64Array(this.faces.length);
-    const around = Array.from({ length: this.vertices.length / 3 }, () => []);
-    for (let face = 0; face < this.faceCount; face += 1) {
-      const corners = this.corners(face);
-      const normal = unit(cross(minus(corners[1], corners[0]), minus(corners[2], corners[0])));
-      this.faceNormals.set(normal, 3 * face);
-      for (let corner = 0; corner < 3; corner += 1) {
-        const [a, b] = [1, 2].map((next) => unit(minus(corners[(corner + next) % 3], corners[corner])));
-        angles[3 * face + corner] = Math.atan2(length(cross(a, b)), dot(a, b));
-        around[this.faces[3 * face + corner]].push(3 * face + corner);
-      }
-    }
-    this.cornerNormals = new Float32Array(3 * this.faces.length);
-    for (let vertex = 0; vertex < around.length; vertex += 1) {
-      for (const corner of around[vertex]) {
-        const own = this._faceNormal(Math.floor(corner / 3));
-        let smooth = [0, 0, 0];
-        for (const other of around[vertex]) {
-          const normal = this._faceNormal(Math.floor(other / 3));
-          const ramp = clamp((dot(own, normal) - SHARP) / (SMOOTH - SHARP), 0, 1);
-          if (ramp > 0) smooth = plus(smooth, times(normal, angles[other] * ramp * ramp * (3 - 2 * ramp)));
-        }
-        this.cornerNormals.set(length(smooth) > 1e-9 ? unit(smooth) : own, 3 * corner);
-      }
-    }
-  }
-
-  _faceNormal(face) {
-    return [0, 1, 2].map((axis) => this.faceNormals[3 * face + axis]);
   }
 
   // Spheres round runs of faces: the surface is stored in walking order, so that runs are compact.
