@@ -181,7 +181,7 @@ def write_report(
     measures = summaries(worst_first(objects))
     texts = {
         "metrics.json": metrics_text(
-            measures,
+            [(row.measure, row.mean, row.worst) for row in measures],
             len(objects),
             len({failure.object for failure in all_failures}),
             sum(subject.silent for subject in objects),

@@ -6,7 +6,7 @@ import json
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from pipeline.dataset.measures import BYTE_PARTS, REPORTED, SENSES, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
@@ -61,24 +61,13 @@ def split(objects: Sequence[MeasuredObject]) -> list[tuple[str, str, list[float]
 PARTS = ("body", *SENSES, "bytes")
 
 
-class MeanAndWorst(Protocol):
-    """A measure over objects; None where none has it."""
-
-    @property
-    def measure(self) -> Measure:
-        """What is measured."""
-
-    @property
-    def mean(self) -> float | None:
-        """Mean over the objects."""
-
-    @property
-    def worst(self) -> float | None:
-        """Worst of the objects."""
-
-
-def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failure_count: int, silent: int) -> str:
-    """Return mean and worst of each measure over the objects that have it, as JSON, one key a line.
+def metrics_text(
+    figures: Iterable[tuple[Measure, float | None, float | None]],
+    objects: int,
+    failure_count: int,
+    silent: int,
+) -> str:
+    """Return measures with mean and worst over the objects that have them, as JSON, one key a line.
 
     Silent objects leave the means of audio and are counted instead; a measure that no object has is
     null. `objects`, `failure_count` and `silent` count objects.
@@ -88,12 +77,12 @@ def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failure_count:
         "failed": failure_count,
         "audio": {"silent_objects": silent},
     }
-    for summary in summaries:
-        numbers = {"mean": _rounded(summary.mean), "worst": _rounded(summary.worst)}
-        if summary.measure.sense == "bytes":
+    for measure, mean, worst in figures:
+        numbers = {"mean": _rounded(mean), "worst": _rounded(worst)}
+        if measure.sense == "bytes":
             table["bytes"] = numbers
         else:
-            table.setdefault(summary.measure.sense, {})[summary.measure.name] = numbers
+            table.setdefault(measure.sense, {})[measure.name] = numbers
     return json.dumps(table, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 
