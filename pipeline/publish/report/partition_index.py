@@ -84,6 +84,7 @@ def write_partition_index(root: Path) -> None:
         bytes=sum(report.bytes for report in reports),
         headlines=[tally for tally in tallies if tally.measure in HEADLINE],
         headline=HEADLINE,
+        columns=[(measure.column, f"{measure.column_unit}, mean") for measure in HEADLINE],
     )
     write_whole(root / FOLDER / "index.html", page)
 

@@ -36,6 +36,7 @@ ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
 TOKEN = "token"
 IMAGE_THREADS = 4  # as many parts as the page asks for at once
+HTML = "live.html"
 STYLES = ("player.css", "live.css")
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 # The browser takes nothing from elsewhere, and keeps nothing.
@@ -168,8 +169,8 @@ class Page:
 
     Parameters
     ----------
-    html
-        Of the folder of pages. All scripts of the folder are offered beside it.
+    script
+        Of the folder of pages, which has all that it imports. It fills the page.
     questions
         What answers each, and in which threads.
     warm
@@ -178,7 +179,7 @@ class Page:
         What answers one question without end: each header says what is asked for ``since`` in the next.
     """
 
-    html: str
+    script: str
     questions: Mapping[str, Asked]
     warm: Sequence[tuple[Callable[[], None], ThreadPoolExecutor]] = ()
     streams: Mapping[str, Asked] = field(default_factory=dict)
@@ -186,8 +187,9 @@ class Page:
     def files(self) -> dict[str, tuple[str, bytes]]:
         """Return name and content of each file by its path."""
         scripts = sorted(path.name for path in PAGE.glob("*.js"))
-        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *scripts)}
-        return {path: (name, (PAGE / name).read_bytes()) for path, name in names.items()}
+        files = {f"/{name}": (name, (PAGE / name).read_bytes()) for name in (*STYLES, *scripts)}
+        page = (PAGE / HTML).read_bytes().replace(b"SCRIPT", self.script.encode())
+        return {"/": (HTML, page), **files}
 
 
 class Server:
@@ -246,7 +248,7 @@ def page_of_objects(live: LiveObjects) -> Page:
         for name in ("render", "object", "strike", "partials", "press")
     }
     warm = ((live[0].warm_images, images), (live[0].warm_contacts, contacts))
-    return Page("live.html", questions, warm)
+    return Page("live.js", questions, warm)
 
 
 def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:

@@ -23,7 +23,7 @@ def page_of_world(world: PlayedWorld) -> Page:
     }
     alone = {name: (partial(_of_one, answer), threads) for name, (answer, threads) in questions.items()}
     streams = {"heard": (partial(_of_one, world.heard), sounds)}
-    return Page("play.html", alone, ((world.warm, images),), streams)
+    return Page("play.js", alone, ((world.warm, images),), streams)
 
 
 def _of_one(answer: Callable[[Any], Answer], _: int, query: Any) -> Answer:

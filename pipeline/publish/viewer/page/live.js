@@ -14,10 +14,9 @@ try {
   const modes = frequencies.length ? `${frequencies.length} modes from ${Math.round(frequencies[0])} Hz` : "no audible mode";
   say("facts", [material, sides, modes, file].filter(Boolean).join(" · "));
   say("credit", [licence, attribution].filter(Boolean).join(" · "));
-  const list = document.getElementById("objects");
-  list.append(...objects.map((one, number) => new Option(one, number)));
+  const list = element("select", { id: "objects" }, ...objects.map((one, number) => new Option(one, number)));
   list.value = new URLSearchParams(location.search).get("object") ?? "0";
-  list.parentElement.hidden = objects.length < 2;
+  if (objects.length > 1) document.querySelector("header").prepend(element("label", {}, "Object ", list));
   list.addEventListener("change", () => {
     const asked = new URLSearchParams(location.search);
     asked.set("object", list.value);

@@ -16,6 +16,9 @@ const CARRIED_MS = 15;
 const LIFTED_M = 0.1;
 const THROWN_M_S = 1.5;
 const LIFTING_M_S = 0.05;
+const TITLE = "A table of Object Files";
+const HINT =
+  "Click an object to strike it, drag it to push, lift and throw it. Drag beside it to turn the view, scroll to zoom.";
 const DECIBELS = { low: -40, high: 20, step: 1, value: -8 };
 
 const place = document.getElementById("player");
@@ -310,8 +313,12 @@ class Table {
 try {
   const table = new Table((await ask("table", {})).header);
   place.objectfolderTable = table;
+  const write = (id, text) => (document.getElementById(id).textContent = text);
+  document.title = TITLE;
+  write("name", TITLE);
+  write("facts", HINT);
   const credits = table.facts.bodies.map(({ name, licence, attribution }) => [name, licence, attribution].filter(Boolean).join(", "));
-  document.getElementById("credit").textContent = credits.join(" · ");
+  write("credit", credits.join(" · "));
   await Promise.race([table.watch(), table.listen()]).catch((error) => table.say(error.message));
 } catch (error) {
   place.replaceChildren(element("p", { class: "player-wait", role: "alert" }, `The scene cannot be shown: ${error.message}`));
