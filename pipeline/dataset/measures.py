@@ -205,6 +205,13 @@ REPORTED = (
         "touch.pyrender_psnr_contact_db", "Touch, pyrender against compiled, contact region", occasional=True
     ),
 )
+# Beside those that a report is about: versions are compared by them, too.
+OTHERS = (
+    Measure("touch.ssim", "Touch, structural similarity", "", 4, True),
+    Measure("audio.stft_distance", "Sound, spectrogram distance", "", 6, False),
+    Measure("audio.envelope_distance", "Sound, envelope distance", "", 6, False),
+    Measure("audio.damping_error_relative", "Modal damping, largest relative error", "", 6, False),
+)
 BYTES = Measure("bytes.total", "Object File", "bytes", 0, False, 3e6)
 BYTE_PARTS = ("total", "surface", "vision", "audio", "touch", "metadata")
 # The headline figure of each sense, wherever an object or a data set is summed up. The three are decibels of
