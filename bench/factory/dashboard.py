@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import arguments, conclude, cpu_seconds
-from pipeline.publish.report.writing import write_report
+from pipeline.publish.report.report import write_report
 
 OBJECTS = 1000
 # Held-out queries a sense without loss; the last is what a report shows by default.

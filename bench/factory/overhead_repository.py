@@ -19,6 +19,8 @@ COPIED = (
     "objectfolder", "pipeline", "bench/results", "data/materials.csv", "data/retry.json",
     "data/selection/.gitignore", "dvc.yaml", "params.yaml", "requirements.lock",
 )  # fmt: skip
+# A variable by which this process may find other code, or compile all code in each process anew.
+NOT_OF_USERS = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
 GITIGNORE = "__pycache__/\n/.objectfolder/\n/runs/\n"
 DVCIGNORE = "__pycache__\n*.pyc\n*.partial\n.objectfolder\nruns\n"
 MESH = """\
@@ -163,7 +165,7 @@ class OverheadRepository:
 
     def try_(self, *command: str) -> subprocess.CompletedProcess[str]:
         """Run a command in the repository, whatever comes of it."""
-        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        environment = {name: value for name, value in os.environ.items() if name not in NOT_OF_USERS}
         folder = Path(sys.executable).parent
         environment |= {"DVC_NO_ANALYTICS": "1", "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
         return subprocess.run(

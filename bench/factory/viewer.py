@@ -36,6 +36,7 @@ SHOWN = {
     "image_in_studio": (RESOLUTION, 4, "studio", 1),
     "image_large_in_studio": (512, 4, "studio", 8),
 }
+LATENCY = "async () => (await import(`${location.origin}/listening.js`)).audioContext().baseLatency"
 PANEL = "document.querySelector('.player').objectfolderPanel"
 ARGUMENTS = [
     "--no-sandbox",
@@ -128,7 +129,7 @@ def live(browser: Any, path: Path) -> dict[str, Any]:
         before = sum(process.cpu_times()[:2])
         strikes = clicked(page)
         strike_cpu = (sum(process.cpu_times()[:2]) - before) / max(1, len(strikes))
-        latency = page.evaluate("() => [objectfolderViewer.audioContext().baseLatency]")[0]
+        latency = page.evaluate(LATENCY)
         page.close()
     finally:
         server.terminate()

@@ -24,10 +24,10 @@ from bench.factory.viewer import ARGUMENTS, announced
 from bench.record import arguments, conclude
 
 NAMES, WARM_S, SECONDS = ("mug", "bell", "mug"), 10, 60
-SOUND = "objectfolderViewer.table.sound"
-DROP = """(body) => { const { table } = objectfolderViewer;
-  return table.try(() => table.act('lift', { body, height: 0.1 })); }"""
-COUNT = f"""() => {{ const {{ underruns, skips, behind, context: {{ state }} }} = {SOUND};
+TABLE = "document.querySelector('.player').objectfolderTable"
+DROP = f"""(body) => {{ const table = {TABLE};
+  return table.try(() => table.act('lift', {{ body, height: 0.1 }})); }}"""
+COUNT = f"""() => {{ const {{ underruns, skips, behind, context: {{ state }} }} = {TABLE}.sound;
   performance.setResourceTimingBufferSize(1e6);
   const asked = performance.getEntriesByType("resource");
   const images = asked.filter(({{ name }}) => new URL(name).pathname === "/seen");

@@ -7,14 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from objectfolder.errors import InputError
-from pipeline.dataset.measures import BYTES, REPORTED, Measure
+from pipeline.dataset.measures import BYTES, OTHERS, REPORTED, Measure
 
-OTHERS = (
-    Measure("touch.ssim", "Touch, structural similarity", "", 4, True),
-    Measure("audio.stft_distance", "Sound, spectrogram distance", "", 6, False),
-    Measure("audio.envelope_distance", "Sound, envelope distance", "", 6, False),
-    Measure("audio.damping_error_relative", "Modal damping, largest relative error", "", 6, False),
-)
 MEASURES = {measure.key: measure for measure in (*REPORTED, *OTHERS, BYTES)}
 # How much of each a person would notice: by this, losses of different measures are put in one order.
 _NOTICEABLE = {"dB": 1.0, "cents": 5.0, "bytes": 1e5, "": 0.005}

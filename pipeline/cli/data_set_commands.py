@@ -142,17 +142,20 @@ def report(
     json
         print the summary as JSON
     """
-    from pipeline.publish.data_set import make_report, summary_of
-    from pipeline.publish.report.partition_index import write_partition_index
-
     if json and not summary:
         raise UsageError("report --json", "prints a summary", "Give --summary too.")
     if partitions:
+        from pipeline.publish.report.partition_index import write_partition_index
+
         write_partition_index(root.absolute())
     elif summary:
+        from pipeline.publish.data_set import summary_of
+
         print_result(summary_of(root), json=json)
     else:
         with status_line("writing the report"):
+            from pipeline.publish.report.report import make_report
+
             make_report(root.absolute())
 
 

@@ -1,4 +1,4 @@
-"""The measures a report is about: key, direction, unit, target and trivial answer of each.
+"""The measures a report is about: key, direction, unit, target, trivial answer and print of each.
 
 It is the one registry: pages, summaries and descriptions go by these constants, not by keys of their own.
 """
@@ -9,6 +9,23 @@ from dataclasses import dataclass
 from typing import Any
 
 SENSES = ("vision", "audio", "touch")
+NOTHING = "\N{EN DASH}"
+MINUS = "\N{MINUS SIGN}"
+
+
+def number(value: Any, decimals: int = 1) -> str:
+    """Return a number with a fixed count of decimals and a true minus sign; a dash for None."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    text = f"{float(value):,.{decimals}f}".replace(",", "\u202f")
+    return text.replace("-", MINUS) if float(f"{value:.{decimals}f}") else text.lstrip("-")
+
+
+def megabytes(size: Any) -> str:
+    """Return bytes in MB (a million bytes), in whole kB below one."""
+    if size is None:
+        return NOTHING
+    return f"{number(size / 1e3, 0)} kB" if size < 999_500 else f"{number(size / 1e6, 2)} MB"
 
 
 @dataclass(frozen=True)
@@ -59,6 +76,24 @@ class Measure:
     def trivial_of(self, attributes: Mapping[str, Any]) -> float | None:
         """Return the score of the trivial answer; None for a measure without one."""
         return number_at(attributes, f"{self.sense}.{self.trivial}") if self.trivial else None
+
+    def text(self, value: float | None) -> str:
+        """Return a value as pages print it, without its unit unless that is bytes."""
+        return megabytes(value) if self.unit == "bytes" else number(value, self.decimals)
+
+    def text_of(self, attributes: Mapping[str, Any]) -> str:
+        """Return `text` of the measure's value in the attributes of a fidelity product."""
+        return self.text(self.of(attributes))
+
+    @property
+    def target_text(self) -> str:
+        """The target with its direction."""
+        size = (
+            megabytes(self.target)
+            if self.unit == "bytes"
+            else number(self.target, 3 if self.decimals > 1 else 0)
+        )
+        return f"{'≥' if self.higher_is_better else '≤'} {size}"
 
     def worst(self, values: list[float]) -> float:
         """Return the worst of one or more values."""
@@ -122,6 +157,10 @@ GAIN = Measure(
     column="Gain error",
     summary="Sound:        gain error at held-out points",
 )
+SOLVER_ERROR = Measure(
+    "audio.solver_error_estimate_cents", "Solver's own error, estimated", unit="cents", higher_is_better=False
+)
+WHOLE_TOUCH = Measure("touch.psnr_db", "Touch, whole image", trivial="empty_psnr_db")
 CONTACT = Measure(
     "touch.psnr_contact_db",
     "Touch, contact region",
@@ -158,18 +197,20 @@ REPORTED = (
     Measure(
         "audio.frequency_error_cents", "Modal frequency", unit="cents", decimals=3, higher_is_better=False
     ),
-    Measure(
-        "audio.solver_error_estimate_cents",
-        "Solver's own error, estimated",
-        unit="cents",
-        higher_is_better=False,
-    ),
+    SOLVER_ERROR,
     GAIN,
-    Measure("touch.psnr_db", "Touch, whole image", trivial="empty_psnr_db"),
+    WHOLE_TOUCH,
     CONTACT,
     Measure(
         "touch.pyrender_psnr_contact_db", "Touch, pyrender against compiled, contact region", occasional=True
     ),
+)
+# Beside those that a report is about: versions are compared by them, too.
+OTHERS = (
+    Measure("touch.ssim", "Touch, structural similarity", "", 4, True),
+    Measure("audio.stft_distance", "Sound, spectrogram distance", "", 6, False),
+    Measure("audio.envelope_distance", "Sound, envelope distance", "", 6, False),
+    Measure("audio.damping_error_relative", "Modal damping, largest relative error", "", 6, False),
 )
 BYTES = Measure("bytes.total", "Object File", "bytes", 0, False, 3e6)
 BYTE_PARTS = ("total", "surface", "vision", "audio", "touch", "metadata")

@@ -78,25 +78,6 @@ def _path(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def write(path: Path, content: object, fingerprint: str, provenance: dict[str, Any]) -> None:
-    """Write what a task returned, with its provenance, atomically.
-
-    Raises
-    ------
-    TypeError
-        `content` is not what the suffix of `path` asks for.
-    """
-    from objectfolder.products.store import Product, write_product
-    from objectfolder.products.tensor_file import TensorFile, write_tensor_file
-
-    if path.name.endswith(ZARR) and isinstance(content, Product):
-        write_product(path, content.with_attributes(fingerprint=fingerprint, provenance=provenance))
-    elif path.name.endswith(TENSORS) and isinstance(content, TensorFile):
-        write_tensor_file(path, content.with_metadata(fingerprint=fingerprint, provenance=provenance))
-    else:
-        raise TypeError(f"{path.name} cannot hold a {type(content).__name__}")
-
-
 def read_description(path: Path) -> dict[str, Any]:
     """Return the attributes of a product.
 

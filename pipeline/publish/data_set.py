@@ -1,40 +1,18 @@
-"""The report of a data set: metrics, tables, pages and cards of the whole data set."""
+"""What the last report says of the whole data set: in lines, and in its cards."""
 
 import json
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.products.atomic import write_whole
-from pipeline.dataset.failures import read_failures
-from pipeline.dataset.job import Runner
 from pipeline.dataset.measures import FULL_IMAGE, HEADLINE, number_at
-from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
+from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.cards.croissant import croissant_text
 from pipeline.publish.cards.data_card import card_text, citation_text
 from pipeline.publish.cards.published_data_set import read_data_set
-from pipeline.publish.report.writing import write_report
-from pipeline.run.costs import costs_path
-from pipeline.run.exclusive import exclusive
 
 REPORTS = "reports"
 SUMMARIES = {measure.key: measure.summary for measure in HEADLINE}
-
-
-def make_report(root: Path) -> None:
-    """Write the tables, the pages and the cards of the data set."""
-
-    def runner_for(pages: int) -> AbstractContextManager[Runner]:
-        from pipeline.cluster.cluster import runner
-        from pipeline.cluster.places import read_place
-
-        return runner(read_place(root), root, pages)
-
-    fidelity, reports = root / FIDELITY.folder, root / REPORTS
-    with exclusive(root, "stage report"):
-        write_report(fidelity, costs_path(root), reports, read_failures(root), runner_for=runner_for)
-        write_cards(root, root / REPORTS)
-    print(f"Report: {REPORTS}/index.html")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from pipeline.dataset.verified import Verified
 
 CODE = Path("data/code.json")
 STARTER, REPORT, SENSOR = "starter", "report", "sensor"
-MODULES = {STARTER: "pipeline.intake.starter.write", REPORT: "pipeline.publish.data_set"}
+MODULES = {STARTER: "pipeline.intake.starter.write", REPORT: "pipeline.publish.report.report"}
 PAGES = Path(__file__).parents[1] / "publish"
 
 

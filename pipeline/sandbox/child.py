@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 from objectfolder.child_process import end_with
 from objectfolder.errors import InputError
 from objectfolder.products.provenance import code_identity
-from pipeline.dataset import products
+from pipeline.dataset.products import TENSORS, ZARR, kind_name
 from pipeline.dataset.task import Call, Outcome, Timed, failure_of
 from pipeline.dataset.verified import known_sources
 from pipeline.store import shared
@@ -53,11 +53,11 @@ def execute(call: Call) -> Outcome:
             )
         for target, content in zip(call.targets, contents, strict=True):
             try:
-                products.write(target, content, call.fingerprint, dict(call.parts))
+                write_content(target, content, call.fingerprint, dict(call.parts))
             except OSError as error:
                 raise disk_error(error, target.parent) from error
             if call.state is not None:
-                name = product_name(call.fingerprint, products.kind_name(target))
+                name = product_name(call.fingerprint, kind_name(target))
                 shared.share(call.state, name, target)
     except (Exception, SystemExit) as error:
         failure = failure_of(call.request.object_id, error, traceback.format_exc(limit=-12))
@@ -70,6 +70,25 @@ def execute(call: Call) -> Outcome:
         call.fingerprint,
         query_seconds,
     )
+
+
+def write_content(path: Path, content: object, fingerprint: str, provenance: dict[str, Any]) -> None:
+    """Write what a task returned, with its provenance, atomically.
+
+    Raises
+    ------
+    TypeError
+        `content` is not what the suffix of `path` asks for.
+    """
+    from objectfolder.products.store import Product, write_product
+    from objectfolder.products.tensor_file import TensorFile, write_tensor_file
+
+    if path.name.endswith(ZARR) and isinstance(content, Product):
+        write_product(path, content.with_attributes(fingerprint=fingerprint, provenance=provenance))
+    elif path.name.endswith(TENSORS) and isinstance(content, TensorFile):
+        write_tensor_file(path, content.with_metadata(fingerprint=fingerprint, provenance=provenance))
+    else:
+        raise TypeError(f"{path.name} cannot hold a {type(content).__name__}")
 
 
 def serve(guard: int, scratch: str) -> NoReturn:

@@ -11,10 +11,10 @@ import yaml
 
 from objectfolder.products.store import Product
 from pipeline.cli import main
-from pipeline.dataset import products
 from pipeline.dataset.stages import OBJECT_FILES, VIEWS
 from pipeline.run import run_record
 from pipeline.sandbox import scratch
+from pipeline.sandbox.child import write_content
 
 HELD = """
 import sys, time
@@ -40,7 +40,7 @@ def used(tmp_path, monkeypatch):
     monkeypatch.setattr(run_record, "MOST_RUNS", 2)
     for kind in (VIEWS, OBJECT_FILES):
         (root / kind.folder).mkdir(parents=True)
-    products.write(VIEWS.path(root, "mug"), Product({}, {}), "a" * 64, {})
+    write_content(VIEWS.path(root, "mug"), Product({}, {}), "a" * 64, {})
     for name in (
         f"{VIEWS.folder}/.mug.zarr.zip.x1.partial",
         f"{OBJECT_FILES.folder}/.mug.safetensors.x2.partial",

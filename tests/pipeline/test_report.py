@@ -17,8 +17,9 @@ from objectfolder.fidelity.sound import SAMPLE_RATE_HZ
 from objectfolder.products.store import Product, write_product
 from pipeline.dataset.measures import IN_CONDITIONS, REPORTED, Measure, number_at
 from pipeline.publish.report.charts import WIDTH, histogram, setting_medians, speed_error_chart
-from pipeline.publish.report.measured_objects import MeasuredObject
-from pipeline.publish.report.summary import MeasureSummary, object_table, summaries
+from pipeline.publish.report.measured_objects import MeasuredObject, MeasureSummary, summaries
+from pipeline.publish.report.report import write_report
+from pipeline.publish.report.summary import object_table
 from pipeline.publish.report.templates import (
     MINUS,
     NOTHING,
@@ -30,7 +31,6 @@ from pipeline.publish.report.templates import (
     seconds,
     web_link,
 )
-from pipeline.publish.report.writing import write_report
 from pipeline.publish.viewer.recursions import recursions
 
 HOSTILE = "<script>alert('x')</script> & \"mug\""

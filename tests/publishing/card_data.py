@@ -9,7 +9,7 @@ from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from pipeline.dataset.records import Records, write_records
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.dataset.task import Failure
-from pipeline.publish.report.writing import write_report
+from pipeline.publish.report.report import write_report
 
 REPOSITORY = Path(__file__).parents[2]
 

@@ -88,7 +88,7 @@ def test_a_click_strikes_and_the_python_gives_the_same_sound(live, small_file):
     hits = file.surface.ray_hits(np.array([ray["origin"]]), np.array([ray["direction"]]))
     assert np.array_equal(answer["point"], file.surface.points_at(hits.face, hits.barycentric)[0])
     asked = python_answers(page, image=False)
-    played = np.array(page.evaluate("() => Array.from(objectfolderViewer.lastBuffer.getChannelData(0))"))
+    played = np.array(evaluated(page, "Array.from(panel.heard.buffer.getChannelData(0))"))
     assert np.abs(asked["sound"]).max() > 0
     assert np.array_equal(played.astype(np.float32), asked["sound"])
     assert np.allclose(answer["amplitudes"], asked["amplitudes"], rtol=1e-12)

@@ -33,7 +33,7 @@ from tests.viewer.live_servers import served_page
 from tests.viewer.players import place_of
 
 mujoco = pytest.importorskip("mujoco")
-TABLE = "objectfolderViewer.table"
+TABLE = "document.querySelector('.player').objectfolderTable"
 
 
 @pytest.fixture(scope="module")

@@ -141,7 +141,7 @@ def test_a_click_strikes_the_nearest_stored_place_and_sounds_as_the_package_does
 
     asked = python_answers(page, image=False)
     rate = evaluated(page, "panel.last.strike.sample_rate")
-    played = np.array(page.evaluate("() => Array.from(objectfolderViewer.lastBuffer.getChannelData(0))"))
+    played = np.array(evaluated(page, "Array.from(panel.heard.buffer.getChannelData(0))"))
     assert len(played) == len(asked["sound"])
     # The same sound but for the gains, which are stored in a byte each: -30 dB.
     assert rms(played - asked["sound"]) < 10 ** (-30 / 20) * rms(asked["sound"])
@@ -178,7 +178,7 @@ def test_what_is_seen_and_heard_is_saved(player):
     rate, sound = wavfile.read(saving.value.path())
     assert saving.value.suggested_filename == "bar.wav"
     assert rate == evaluated(page, "panel.last.strike.sample_rate")
-    heard = np.array(answer["sound"]) * page.evaluate("() => objectfolderViewer.lastGain")
+    heard = np.array(answer["sound"]) * evaluated(page, "panel.heard.played")
     assert np.abs(sound / 32767 - heard).max() < 1e-4
     assert np.abs(sound).max() > 3000, "at a level that is heard"
     with page.expect_download() as saving:

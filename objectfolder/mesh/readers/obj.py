@@ -4,6 +4,7 @@ Read here and not with trimesh, which splits or merges vertices to give each one
 negative indices from the end of the file, and passes over a missing texture in silence.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -149,13 +150,20 @@ def material_libraries(path: Path) -> list[str]:
     """Return what the `mtllib` statements of an OBJ file name, as written."""
     libraries = []
     text = read_text(path)
-    if "mtllib" not in text:
-        return []
-    for line in joined_lines(text):
-        words = line.split(maxsplit=1) if "mtllib" in line else []
+    for line in joined_lines(text) if "\\" in text else _lines_with("mtllib", text):
+        words = line.split(maxsplit=1)
         if words[:1] == ["mtllib"] and len(words) == 2:
             libraries.append(words[1].strip())
     return list(dict.fromkeys(libraries))
+
+
+def _lines_with(word: str, text: str) -> Iterator[str]:
+    """Yield the lines that have a word; every run looks for it in all meshes, so others are not split."""
+    end = 0
+    while (place := text.find(word, end)) >= 0:
+        end = text.find("\n", place)
+        end = len(text) if end < 0 else end
+        yield text[text.rfind("\n", 0, place) + 1 : end]
 
 
 def _lines(path: Path) -> list[str]:

@@ -141,64 +141,15 @@ class Pressing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModesOfMesh:
-    """Modes of a mesh to solve; an Object File has them.
+class MeshToSolve:
+    """A mesh whose modes are solved.
 
     Parameters
     ----------
     material
-        a row of the materials table (an Object File has its own)
+        a row of the materials table: an Object File has its own, and a fit begins from it
     materials
         materials table (CSV)
-    length_m
-        longest side in metres (default: as in the file)
-    max_frequency_hz
-        hertz
-    max_modes
-        largest number of modes
-    accuracy_cents
-        wanted error of the frequencies
-    wall_m
-        least thickness of walls in metres, where a scan fused them
-    shell_m
-        wall of a vessel that was scanned solid, metres
-    damping
-        law of the dampings: loss_factor, or rayleigh as in the papers
-    radiation
-        solved: dampings have what the air takes, or sphere: they are the material's alone
-    seed
-        of the points
-    """
-
-    material: str | None = None
-    materials: Path = MATERIALS
-    length_m: float | None = None
-    max_frequency_hz: float = 20000.0
-    max_modes: int = 256
-    accuracy_cents: float = 5.0
-    wall_m: float | None = None
-    shell_m: float | None = None
-    damping: Literal["loss_factor", "rayleigh"] = "loss_factor"
-    radiation: Literal["solved", "sphere"] = "solved"
-    seed: int = 0
-
-
-@dataclass(frozen=True, kw_only=True)
-class FittingOfSound:
-    """A mesh to fit to recordings of its object.
-
-    Parameters
-    ----------
-    material
-        a row of the materials table to begin from: what no recording tells stays as it is there
-    materials
-        materials table (CSV)
-    name
-        of the fitted material (default: the mesh's)
-    mass_kg
-        measured: gives the density (default: the table's density, for a recording tells E / rho alone)
-    hold_wall
-        keep the mesh's walls: the fitted material is then the one with which this mesh sounds best as it is
     length_m
         longest side in metres (default: as in the file)
     max_frequency_hz
@@ -217,9 +168,6 @@ class FittingOfSound:
 
     material: str | None = None
     materials: Path = MATERIALS
-    name: str | None = None
-    mass_kg: float | None = None
-    hold_wall: bool = False
     length_m: float | None = None
     max_frequency_hz: float = 20000.0
     max_modes: int = 256
@@ -227,6 +175,41 @@ class FittingOfSound:
     wall_m: float | None = None
     shell_m: float | None = None
     seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModesOfMesh(MeshToSolve):
+    """Modes of a mesh to solve; an Object File has them.
+
+    Parameters
+    ----------
+    damping
+        law of the dampings: loss_factor, or rayleigh as in the papers
+    radiation
+        solved: dampings have what the air takes, or sphere: they are the material's alone
+    """
+
+    damping: Literal["loss_factor", "rayleigh"] = "loss_factor"
+    radiation: Literal["solved", "sphere"] = "solved"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittingOfSound(MeshToSolve):
+    """A mesh to fit to recordings of its object.
+
+    Parameters
+    ----------
+    name
+        of the fitted material (default: the mesh's)
+    mass_kg
+        measured: gives the density (default: the table's density, for a recording tells E / rho alone)
+    hold_wall
+        keep the mesh's walls: the fitted material is then the one with which this mesh sounds best as it is
+    """
+
+    name: str | None = None
+    mass_kg: float | None = None
+    hold_wall: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

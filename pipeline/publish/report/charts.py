@@ -4,14 +4,14 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
 
-from pipeline.publish.report.summary import MeasureSummary, error_words, setting_words
-from pipeline.publish.report.templates import MINUS, megabytes, number, seconds
+from pipeline.publish.report.measured_objects import MeasureSummary
+from pipeline.publish.report.summary import error_words, setting_words
+from pipeline.publish.report.templates import MINUS, megabytes, seconds
 
 WIDTH, HEIGHT = 260.0, 166.0  # units of a drawing, in which text is 8 high
 LEFT, RIGHT, TOP, BOTTOM = 40.0, 9.0, 9.0, 29.0  # margins
@@ -170,13 +170,12 @@ def histogram(summary: MeasureSummary) -> tuple[Markup, bool]:
         The drawing, and whether the target lies within it.
     """
     measure, values = summary.measure, [value for value, _ in summary.values]
-    text = megabytes if measure.unit == "bytes" else partial(number, decimals=measure.decimals)
     within = measure.target is not None and min(values) <= measure.target <= max(values)
     counts, edges = np.histogram(values, bins="sqrt")
     x, highest = _widened(edges.tolist(), 0.05), 1.05 * float(counts.max())
     chart = Chart(f"Histogram of {measure.label}", x, (0.0, highest), height=101)
     heights = [value for value in round_numbers(0, highest, 3) if value == int(value)]
-    chart.axes(round_numbers(*x, 4), text, heights, "")
+    chart.axes(round_numbers(*x, 4), measure.text, heights, "")
     for count, low, high in zip(counts.tolist(), edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         left, right = low + 0.05 * (high - low), high - 0.05 * (high - low)
         bar = [(left, 0.0), (left, count), (right, count), (right, 0.0)]

@@ -1,5 +1,6 @@
-"""The objects of a report: what their fidelity products say, and what their products took to make."""
+"""The objects of a report: what each says of itself, what all say together, and their costs."""
 
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,10 +10,12 @@ from typing import Any
 from objectfolder.errors import FormatError
 from objectfolder.products.store import read_attributes
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import number_at, smallest_margin_db
+from pipeline.dataset.measures import BYTES, REPORTED, Measure, number_at, smallest_margin_db
 from pipeline.dataset.products import ZARR
 from pipeline.dataset.stages import STAGES
 from pipeline.run.costs import QUERY, Cost
+
+COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, 240.0)
 
 
 @dataclass(frozen=True)
@@ -160,3 +163,83 @@ def worst_first(objects: Sequence[MeasuredObject]) -> list[MeasuredObject]:
     return sorted(
         objects, key=lambda subject: (subject.margin_db is None, subject.margin_db or 0.0, subject.object_id)
     )
+
+
+@dataclass(frozen=True)
+class MeasureSummary:
+    """A measure over the objects that have it; all numbers are None where none has.
+
+    Parameters
+    ----------
+    values
+        Value and id of each object.
+    trivial
+        Mean score of the trivial answer.
+    noise_floor
+        Mean of the best scores that the noise of the truth allows.
+    """
+
+    measure: Measure
+    values: Sequence[tuple[float, str]]
+    trivial: float | None = None
+    noise_floor: float | None = None
+
+    @property
+    def mean(self) -> float | None:
+        """Mean over the objects."""
+        return mean([value for value, _ in self.values])
+
+    @property
+    def median(self) -> float | None:
+        """Median over the objects."""
+        return statistics.median([value for value, _ in self.values]) if self.values else None
+
+    @property
+    def worst(self) -> float | None:
+        """Worst of the objects."""
+        return self.measure.worst([value for value, _ in self.values]) if self.values else None
+
+    @property
+    def worst_object(self) -> str:
+        """Id of the worst object, empty for none."""
+        worst = self.worst
+        return next((object_id for value, object_id in self.values if value == worst), "")
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the mean reaches the target; None where there is no target or no mean."""
+        if self.mean is None or self.measure.target is None:
+            return None
+        return self.measure.margin(self.mean) >= 0
+
+
+def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
+    """Return every headline measure and the bytes; silent objects leave those of audio.
+
+    An occasional measure that no object has is left out.
+    """
+    results = []
+    for measure in (*REPORTED, BYTES):
+        subjects = [subject for subject in objects if not (measure.sense == "audio" and subject.silent)]
+        present = [
+            (value, subject) for subject in subjects if (value := measure.of(subject.attributes)) is not None
+        ]
+        if measure.occasional and not present:
+            continue
+        trivial = mean([measure.trivial_of(subject.attributes) for _, subject in present])
+        floor = mean([measure.noise_floor_of(subject.attributes) for _, subject in present])
+        values = [(value, subject.object_id) for value, subject in present]
+        results.append(MeasureSummary(measure, values, trivial, floor))
+    return results
+
+
+def cost_summary(objects: Sequence[MeasuredObject]) -> MeasureSummary:
+    """Return the cost of the objects whose every stage was measured."""
+    seconds = [(subject.cpu_seconds, subject.object_id) for subject in objects]
+    return MeasureSummary(COST, [(value, object_id) for value, object_id in seconds if value is not None])
+
+
+def mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean of the values that are there, None where none is."""
+    present = [value for value in values if value is not None]
+    return statistics.fmean(present) if present else None

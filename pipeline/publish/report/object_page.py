@@ -15,8 +15,9 @@ from objectfolder.fidelity.contacts import PIXELS
 from objectfolder.products.provenance import canonical_json
 from objectfolder.products.regular_file import open_regular
 from objectfolder.products.store import Product
+from pipeline.dataset import measures
 from pipeline.dataset.failures import FailedObject
-from pipeline.dataset.measures import BYTE_PARTS, REPORTED, number_at
+from pipeline.dataset.measures import number_at
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.dataset.verified import Verified
@@ -25,9 +26,10 @@ from pipeline.publish.report.object_products import SUFFIXES, ObjectProducts
 from pipeline.publish.report.pictures import no_picture
 from pipeline.publish.report.summary import definitions_of, error_words, setting_words, split
 from pipeline.publish.report.templates import security_policy, template_environment
+from pipeline.publish.viewer.static import PAGE as PLAYER_SCRIPTS
 
 SENSE_NAMES = {"vision": "Sight", "audio": "Sound", "touch": "Touch"}
-SCRIPTS = ("strikes.js", "object.js")
+SCRIPTS = ("object.js",)
 SPECTROGRAM_MARKS = (("100 Hz", 100.0), ("1 kHz", 1000.0), ("10 kHz", 10000.0))
 # The fingerprint stands in the first bytes of a page.
 HEAD_BYTES = 4096
@@ -229,7 +231,7 @@ def _material(fidelity: Mapping[str, Any]) -> tuple[Mapping[str, Any], str, str]
 def _environment() -> jinja2.Environment:
     from pipeline.publish.report.sounds import spectrogram_share
 
-    environment = template_environment()
+    environment = template_environment(PLAYER_SCRIPTS)
     environment.filters |= {
         "page_name": page_name,
         "setting": lambda row: setting_words(row["setting"], row["value"], row["value"]),
@@ -237,11 +239,10 @@ def _environment() -> jinja2.Environment:
         "lines": lambda value: json.dumps(value, indent=1, sort_keys=True, ensure_ascii=False),
     }
     environment.globals |= {
-        "byte_parts": BYTE_PARTS,
         "contact_pixels": PIXELS,
         "definitions_of": definitions_of,
-        "headline": REPORTED,
         "material_of": _material,
+        "measures": measures,
         "sense_names": SENSE_NAMES,
         "spectrogram_marks": [
             (text, round(104 - 100 * spectrogram_share(hertz), 1)) for text, hertz in SPECTROGRAM_MARKS

@@ -1,7 +1,7 @@
-"""The files of an object's page: drawn in this process, or by a task on a worker."""
+"""The files of objects' pages: kept while they show what is known, else drawn here or on a worker."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.errors import FormatError, ObjectFolderError
+from objectfolder.products.atomic import write_whole
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file
 from pipeline.dataset.archives import REMEDY
+from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.products import STATE, TENSORS
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.dataset.task import Call, Failure, Request
 from pipeline.dataset.verified import FINGERPRINT
-from pipeline.publish.report.object_page import ObjectPage, page_name
+from pipeline.publish.report.object_page import PLAYER, ObjectPage, page_name, shown_fingerprint
 from pipeline.publish.report.object_products import SUFFIXES, UNEXPECTED
 
 MODULE = "pipeline.publish.report.page_files"
@@ -26,6 +28,54 @@ EXPECTED_S, EXPECTED_BYTES = 1.0, 1 << 30  # of a page with its player
 
 Files = dict[str, bytes]
 RunnerFor = Callable[[int], AbstractContextManager[Runner]]
+
+
+def write_pages(
+    pages: Iterable[ObjectPage], folder: Path, cache: Path, runner_for: RunnerFor | None
+) -> tuple[frozenset[str], list[FailedObject]]:
+    """Write the files of pages, and remove others; return ids with a page, and why others have none."""
+    page_ids, faults = set(), []
+    file_names: set[str] = set()
+    stale = []
+    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    for page in pages:
+        if names := _current_files(page, folder, present):
+            file_names |= names
+            page_ids.add(page.subject.object_id)
+        else:
+            stale.append(page)
+    for page, files in draw_pages(stale, cache, runner_for):
+        object_id = page.subject.object_id
+        if isinstance(files, Failure):
+            finding = f"{page.subject.stored_name}: {files.error}"
+            faults.append(FailedObject(object_id, "report", finding, files.remedy))
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        *beside, (name, text) = files.items()
+        for name_beside, content in beside:
+            (folder / name_beside).write_bytes(content)
+        write_whole(folder / name, text)  # the page, written last, says that all is there
+        file_names |= files.keys()
+        page_ids.add(object_id)
+    if any(name.endswith(PLAYER) for name in file_names):
+        from pipeline.publish.viewer.static import write_player_assets
+
+        file_names |= write_player_assets(folder)
+    for path in folder.iterdir() if folder.is_dir() else []:
+        if path.name not in file_names and path.is_file():
+            path.unlink()
+    faults.sort(key=lambda failure: failure.object)
+    return frozenset(page_ids), faults
+
+
+def _current_files(page: ObjectPage, folder: Path, present: set[str]) -> set[str]:
+    """Return the names of the files of a page, if all are `present` and show what is known; else none."""
+    path = folder / page_name(page.subject.object_id)
+    page_fingerprint, has_player = shown_fingerprint(path)
+    if page_fingerprint != page.fingerprint:
+        return set()
+    names = {path.name, *map(page.beside, page.tile), *([page.player] if has_player else [])}
+    return names if names <= present else set()
 
 
 def draw_pages(

@@ -73,7 +73,8 @@ def write_partition_index(root: Path) -> None:
     objects, failed, silent = (
         sum(getattr(report, name) for report in reports) for name in ("objects", "failed", "silent")
     )
-    write_whole(root / FOLDER / "metrics.json", metrics_text(tallies_there, objects, failed, silent))
+    figures = [(tally.measure, tally.mean, tally.worst) for tally in tallies_there]
+    write_whole(root / FOLDER / "metrics.json", metrics_text(figures, objects, failed, silent))
     environment = template_environment()
     page = environment.get_template("partitions.html.j2").render(
         policy=security_policy(environment, ()),
@@ -83,6 +84,7 @@ def write_partition_index(root: Path) -> None:
         bytes=sum(report.bytes for report in reports),
         headlines=[tally for tally in tallies if tally.measure in HEADLINE],
         headline=HEADLINE,
+        columns=[(measure.column, f"{measure.column_unit}, mean") for measure in HEADLINE],
     )
     write_whole(root / FOLDER / "index.html", page)
 

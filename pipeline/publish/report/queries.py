@@ -10,7 +10,15 @@ from objectfolder.fidelity.sheets import SHEET_PIXELS
 from objectfolder.fidelity.sounds import cents
 from objectfolder.products.store import Product
 from objectfolder.products.tensor_file import read_tensor_file
-from pipeline.dataset.measures import CONTACT, FOREGROUND, FULL_IMAGE, SIMILARITY, number_at
+from pipeline.dataset.measures import (
+    CONTACT,
+    FOREGROUND,
+    FULL_IMAGE,
+    SIMILARITY,
+    WHOLE_TOUCH,
+    Measure,
+    number_at,
+)
 from pipeline.dataset.stages import OBJECT_FILES
 from pipeline.publish.report.object_products import ObjectProducts
 from pipeline.publish.report.pictures import picture_uri
@@ -27,6 +35,11 @@ class Fact(NamedTuple):
     value: float | None
     unit: str = ""
     decimals: int = 1
+
+    @classmethod
+    def of(cls, name: str, measure: Measure, row: Mapping[str, Any]) -> "Fact":
+        """Return a measure of one view or touch, whose row has it by its own name."""
+        return cls(name, number_at(row, measure.name), measure.unit, measure.decimals)
 
 
 class Contact(NamedTuple):
@@ -174,9 +187,9 @@ def _views(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | 
     rows = _table(fidelity, "vision", "per_view")
     facts = [
         [
-            Fact("full image", number_at(row, FULL_IMAGE.name), "dB"),
-            Fact("foreground", number_at(row, FOREGROUND.name), "dB"),
-            Fact("SSIM", number_at(row, SIMILARITY.name), "", 4),
+            Fact.of("full image", FULL_IMAGE, row),
+            Fact.of("foreground", FOREGROUND, row),
+            Fact.of("SSIM", SIMILARITY, row),
         ]
         for row in rows
     ]
@@ -213,11 +226,7 @@ def _strikes(fidelity: Product, products: ObjectProducts) -> Strikes | None:
 def _touches(fidelity: Product, products: ObjectProducts, most: int) -> Gallery | None:
     rows = _table(fidelity, "touch", "per_touch")
     facts = [
-        [
-            Fact("contact region", number_at(row, CONTACT.name), "dB"),
-            Fact("whole image", number_at(row, "psnr_db"), "dB"),
-        ]
-        for row in rows
+        [Fact.of("contact region", CONTACT, row), Fact.of("whole image", WHOLE_TOUCH, row)] for row in rows
     ]
     gallery = _gallery(fidelity, "touch", facts, "contact region", most)
     if gallery is None:

@@ -6,13 +6,10 @@ import json
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
-from pipeline.dataset.measures import BYTE_PARTS, BYTES, REPORTED, SENSES, Measure, number_at
+from pipeline.dataset.measures import BYTE_PARTS, REPORTED, SENSES, Measure, number_at
 from pipeline.publish.report.measured_objects import MeasuredObject, stage_names
-
-COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, 240.0)
 
 # What settings and errors of a fidelity product are called here; of others the names stand as they are.
 SETTINGS = {"sub_rays": "@ rays a pixel", "modes": "@ modes", "surface_step_um": "surface to @ µm"}
@@ -21,80 +18,6 @@ ERRORS = {
     "contact PSNR dB": "likeness of contacts, dB (more is better)",
     "STFT distance dB": "difference of sounds, dB (less is better)",
 }
-
-
-@dataclass(frozen=True)
-class MeasureSummary:
-    """A measure over the objects that have it; all numbers are None where none has.
-
-    Parameters
-    ----------
-    values
-        Value and id of each object.
-    trivial
-        Mean score of the trivial answer.
-    noise_floor
-        Mean of the best scores that the noise of the truth allows.
-    """
-
-    measure: Measure
-    values: Sequence[tuple[float, str]]
-    trivial: float | None = None
-    noise_floor: float | None = None
-
-    @property
-    def mean(self) -> float | None:
-        """Mean over the objects."""
-        return mean([value for value, _ in self.values])
-
-    @property
-    def median(self) -> float | None:
-        """Median over the objects."""
-        return statistics.median([value for value, _ in self.values]) if self.values else None
-
-    @property
-    def worst(self) -> float | None:
-        """Worst of the objects."""
-        return self.measure.worst([value for value, _ in self.values]) if self.values else None
-
-    @property
-    def worst_object(self) -> str:
-        """Id of the worst object, empty for none."""
-        worst = self.worst
-        return next((object_id for value, object_id in self.values if value == worst), "")
-
-    @property
-    def met(self) -> bool | None:
-        """Whether the mean reaches the target; None where there is no target or no mean."""
-        if self.mean is None or self.measure.target is None:
-            return None
-        return self.measure.margin(self.mean) >= 0
-
-
-def summaries(objects: Sequence[MeasuredObject]) -> list[MeasureSummary]:
-    """Return every headline measure and the bytes; silent objects leave those of audio.
-
-    An occasional measure that no object has is left out.
-    """
-    results = []
-    for measure in (*REPORTED, BYTES):
-        subjects = [subject for subject in objects if not (measure.sense == "audio" and subject.silent)]
-        present = [
-            (value, subject) for subject in subjects if (value := measure.of(subject.attributes)) is not None
-        ]
-        if measure.occasional and not present:
-            continue
-        trivial = mean([measure.trivial_of(subject.attributes) for _, subject in present])
-        floor = mean([measure.noise_floor_of(subject.attributes) for _, subject in present])
-        values = [(value, subject.object_id) for value, subject in present]
-        results.append(MeasureSummary(measure, values, trivial, floor))
-    return results
-
-
-def cost_summary(objects: Sequence[MeasuredObject]) -> MeasureSummary:
-    """Return the cost of the objects whose every stage was measured."""
-    seconds = [(subject.cpu_seconds, subject.object_id) for subject in objects]
-    return MeasureSummary(COST, [(value, object_id) for value, object_id in seconds if value is not None])
 
 
 def stage_rows(objects: Sequence[MeasuredObject]) -> list[dict[str, Any]]:
@@ -135,33 +58,16 @@ def split(objects: Sequence[MeasuredObject]) -> list[tuple[str, str, list[float]
     ]
 
 
-def mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean of the values that are there, None where none is."""
-    present = [value for value in values if value is not None]
-    return statistics.fmean(present) if present else None
-
-
 PARTS = ("body", *SENSES, "bytes")
 
 
-class MeanAndWorst(Protocol):
-    """A measure over objects; None where none has it."""
-
-    @property
-    def measure(self) -> Measure:
-        """What is measured."""
-
-    @property
-    def mean(self) -> float | None:
-        """Mean over the objects."""
-
-    @property
-    def worst(self) -> float | None:
-        """Worst of the objects."""
-
-
-def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failure_count: int, silent: int) -> str:
-    """Return mean and worst of each measure over the objects that have it, as JSON, one key a line.
+def metrics_text(
+    figures: Iterable[tuple[Measure, float | None, float | None]],
+    objects: int,
+    failure_count: int,
+    silent: int,
+) -> str:
+    """Return measures with mean and worst over the objects that have them, as JSON, one key a line.
 
     Silent objects leave the means of audio and are counted instead; a measure that no object has is
     null. `objects`, `failure_count` and `silent` count objects.
@@ -171,12 +77,12 @@ def metrics_text(summaries: Sequence[MeanAndWorst], objects: int, failure_count:
         "failed": failure_count,
         "audio": {"silent_objects": silent},
     }
-    for summary in summaries:
-        numbers = {"mean": _rounded(summary.mean), "worst": _rounded(summary.worst)}
-        if summary.measure.sense == "bytes":
+    for measure, mean, worst in figures:
+        numbers = {"mean": _rounded(mean), "worst": _rounded(worst)}
+        if measure.sense == "bytes":
             table["bytes"] = numbers
         else:
-            table.setdefault(summary.measure.sense, {})[summary.measure.name] = numbers
+            table.setdefault(measure.sense, {})[measure.name] = numbers
     return json.dumps(table, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
 

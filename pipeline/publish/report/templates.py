@@ -15,20 +15,12 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from pipeline.dataset.measures import MINUS, NOTHING, megabytes, number
 from pipeline.publish.cards.licences import Licence
+from pipeline.publish.viewer.joined_scripts import joined_script
 
 TEMPLATES = Path(__file__).parent / "template"
-NOTHING = "\N{EN DASH}"
-MINUS = "\N{MINUS SIGN}"
 TIMES = "\N{MULTIPLICATION SIGN}"
-
-
-def number(value: Any, decimals: int = 1) -> str:
-    """Return a number with a fixed count of decimals and a true minus sign; a dash for None."""
-    if value is None or not math.isfinite(value):
-        return NOTHING
-    text = f"{float(value):,.{decimals}f}".replace(",", "\u202f")
-    return text.replace("-", MINUS) if float(f"{value:.{decimals}f}") else text.lstrip("-")
 
 
 def digits(value: Any, count: int = 3) -> str:
@@ -41,13 +33,6 @@ def digits(value: Any, count: int = 3) -> str:
         return f"{mantissa} {TIMES} 10{str(int(exponent)).translate(superscripts)}".replace("-", MINUS)
     decimals = max(0, count - 1 - math.floor(math.log10(abs(value)))) if value else 0
     return number(value, decimals)
-
-
-def megabytes(size: Any) -> str:
-    """Return bytes in MB (a million bytes), in whole kB below one."""
-    if size is None:
-        return NOTHING
-    return f"{number(size / 1e3, 0)} kB" if size < 999_500 else f"{number(size / 1e6, 2)} MB"
 
 
 def seconds(value: float) -> str:
@@ -78,7 +63,7 @@ def template_environment(*folders: Path) -> jinja2.Environment:
     """Return an environment that finds templates in `folders`, then those of the report.
 
     It escapes, is strict about names that are not given, and has the functions above as filters and
-    ``script(name)``, which puts a script of these folders into the page.
+    ``script(name)``, which puts a script of these folders into the page, with those that it imports.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([*folders, TEMPLATES]),
@@ -90,7 +75,7 @@ def template_environment(*folders: Path) -> jinja2.Environment:
     printers = (number, digits, megabytes, percent, seconds)
     links = (licence_link, web_link)
     environment.filters |= {function.__name__: function for function in (*printers, *links)}
-    environment.globals["script"] = lambda name: Markup(f"<script>{_source(environment, name)}</script>")
+    environment.globals["script"] = lambda name: Markup(f"<script>{_script(environment, name)}</script>")
     return environment
 
 
@@ -105,7 +90,7 @@ def security_policy(environment: jinja2.Environment, scripts: Sequence[str]) -> 
         Names of scripts of the environment that the page has by ``script(name)``.
     """
     hashes = " ".join(
-        f"'sha256-{base64.b64encode(hashlib.sha256(_source(environment, name).encode()).digest()).decode()}'"
+        f"'sha256-{base64.b64encode(hashlib.sha256(_script(environment, name).encode()).digest()).decode()}'"
         for name in scripts
     )
     return (
@@ -115,6 +100,9 @@ def security_policy(environment: jinja2.Environment, scripts: Sequence[str]) -> 
     )
 
 
-def _source(environment: jinja2.Environment, name: str) -> str:
-    assert environment.loader is not None
-    return environment.loader.get_source(environment, name)[0]
+def _script(environment: jinja2.Environment, name: str) -> str:
+    def source(name: str) -> str:
+        assert environment.loader is not None
+        return environment.loader.get_source(environment, name)[0]
+
+    return joined_script(name, source)

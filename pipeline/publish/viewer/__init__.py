@@ -2,4 +2,4 @@
 
 # Of what `pipeline.publish.viewer.bake` stores. Raise it when that changes: kept players of another format
 # are made anew.
-FORMAT = 7
+FORMAT = 8

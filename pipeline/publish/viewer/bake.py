@@ -1,9 +1,9 @@
 """The data of an Object File for a page without a server, in few bytes.
 
-The surface is stored exactly (its own grid of steps), with the colour that the VisionNet's reflectance
-amounts to on a lattice of its faces. Sound is stored as what AudioNet answers at some hundred places, drawn
-uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's. At the first of these
-places that the sensor reaches, its pictures are stored, too.
+The surface is stored exactly (its own grid of steps), with its shading normals, and with the colour that the
+VisionNet's reflectance amounts to on a lattice of its faces. Sound is stored as what AudioNet answers at some
+hundred places, drawn uniformly by area; a page strikes the nearest. Frequencies and dampings are the file's.
+At the first of these places that the sensor reaches, its pictures are stored, too.
 """
 
 import base64
@@ -30,6 +30,7 @@ from pipeline.publish.viewer.recursions import recursions
 MOST_GAINS = 190_000
 LEAST_PLACES, MOST_PLACES = 200, 500
 GAIN_STEPS = 127
+NORMAL_STEPS, PLACE_NORMAL_STEPS = 127, 32767  # of corners, which only light goes by, and of places
 PRESSED_PLACES = 128  # of them those that the sensor reaches have pictures; SHEET_COLUMNS a row
 SHEET_COLUMNS = 16
 PRESS_DEPTH_M = 0.001
@@ -56,9 +57,14 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
     grid = np.rint((surface.vertices - origin) / step).astype(np.int64)
     arrays["positions"] = np.diff(grid, axis=0, prepend=0).astype(np.int32)
     arrays["faces"] = np.diff(surface.faces.ravel(), prepend=0).astype(np.int32)
+    arrays["normals"] = np.rint(NORMAL_STEPS * surface.corner_normals.reshape(-1, 3).T).astype(np.int8)
     arrays |= surface_colours(file)
     places = stored_places(file)
-    arrays |= {"place_faces": places.face, "place_barycentric": places.barycentric}
+    arrays |= {
+        "place_faces": places.face,
+        "place_barycentric": places.barycentric,
+        "place_normals": np.rint(PLACE_NORMAL_STEPS * places.normals).astype(np.int16),
+    }
     sound, gains = baked_sound(file.modes, places.points)
     touch, reachable_places = baked_touch(file, places.points)
     arrays |= gains | reachable_places
@@ -85,11 +91,15 @@ def bake(file: ObjectFile) -> tuple[dict[str, Any], bytes]:
 
 
 class Places(NamedTuple):
-    """Places of stored answers: faces (n,) int32, two barycentric coordinates (n, 2) uint8, points (n, 3)."""
+    """Places of stored answers: faces (n,) int32, two barycentric coordinates (n, 2) uint8; where they are.
+
+    Points and normals are (n, 3), object frame.
+    """
 
     face: np.ndarray
     barycentric: np.ndarray
     points: np.ndarray
+    normals: np.ndarray
 
 
 def stored_places(file: ObjectFile) -> Places:
@@ -97,8 +107,9 @@ def stored_places(file: ObjectFile) -> Places:
     count = MOST_GAINS // (3 * max(1, len(file.modes.eigenvalues)))
     sample = file.surface.sample(min(MOST_PLACES, max(LEAST_PLACES, count)), seed=0)
     barycentric = np.floor(255 * sample.barycentric[:, :2]).astype(np.uint8)
-    points = file.surface.points_at(sample.face, control_barycentric(barycentric))
-    return Places(sample.face.astype(np.int32), barycentric, points)
+    where = sample.face, control_barycentric(barycentric)
+    points, normals = file.surface.points_at(*where), file.surface.normals_at(*where)
+    return Places(sample.face.astype(np.int32), barycentric, points, normals)
 
 
 def baked_sound(modes: AudioNet, points: np.ndarray) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -30,12 +30,13 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from objectfolder.errors import InputError, ObjectFolderError
 from pipeline.publish.viewer.live_queries import Answer, LiveObjects
-from pipeline.publish.viewer.static import PAGE, SHARED_SCRIPTS, object_files_of
+from pipeline.publish.viewer.static import PAGE, object_files_of
 
 ADDRESS = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
 TOKEN = "token"
 IMAGE_THREADS = 4  # as many parts as the page asks for at once
+HTML = "live.html"
 STYLES = ("player.css", "live.css")
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 # The browser takes nothing from elsewhere, and keeps nothing.
@@ -168,33 +169,27 @@ class Page:
 
     Parameters
     ----------
-    html, scripts
-        Of the folder of pages; SCRIPTS in the page stands for them.
+    script
+        Of the folder of pages, which has all that it imports. It fills the page.
     questions
         What answers each, and in which threads.
     warm
         What is done first, and where.
-    beside
-        Scripts of the folder that the others load into threads of their own.
     streams
         What answers one question without end: each header says what is asked for ``since`` in the next.
     """
 
-    html: str
-    scripts: Sequence[str]
+    script: str
     questions: Mapping[str, Asked]
     warm: Sequence[tuple[Callable[[], None], ThreadPoolExecutor]] = ()
-    beside: Sequence[str] = ()
     streams: Mapping[str, Asked] = field(default_factory=dict)
 
     def files(self) -> dict[str, tuple[str, bytes]]:
         """Return name and content of each file by its path."""
-        names = {"/": self.html} | {f"/{name}": name for name in (*STYLES, *self.scripts, *self.beside)}
-        return {path: (name, self._content(name)) for path, name in names.items()}
-
-    def _content(self, name: str) -> bytes:
-        scripts = "".join(f'<script src="{script}" defer></script>\n' for script in self.scripts)
-        return (PAGE / name).read_text(encoding="utf-8").replace("SCRIPTS", scripts).encode()
+        scripts = sorted(path.name for path in PAGE.glob("*.js"))
+        files = {f"/{name}": (name, (PAGE / name).read_bytes()) for name in (*STYLES, *scripts)}
+        page = (PAGE / HTML).read_bytes().replace(b"SCRIPT", self.script.encode())
+        return {"/": (HTML, page), **files}
 
 
 class Server:
@@ -253,7 +248,7 @@ def page_of_objects(live: LiveObjects) -> Page:
         for name in ("render", "object", "strike", "partials", "press")
     }
     warm = ((live[0].warm_images, images), (live[0].warm_contacts, contacts))
-    return Page("live.html", (*SHARED_SCRIPTS, "asking.js", "live_object.js", "live.js"), questions, warm)
+    return Page("live.js", questions, warm)
 
 
 def view(paths: Sequence[Path], port: int, open_browser: bool) -> None:

@@ -10,10 +10,6 @@ from pipeline.publish.scenes.opened_scene import OpenedScene
 from pipeline.publish.viewer.live import Page, one_thread_each, serve_until_stopped
 from pipeline.publish.viewer.live_queries import Answer
 from pipeline.publish.viewer.played_world import PlayedWorld
-from pipeline.publish.viewer.static import SHARED_SCRIPTS
-
-SCRIPTS = (*SHARED_SCRIPTS, "asking.js", "sound_stream.js", "play.js")
-BESIDE = ("sound_player.js", "sound_worker.js")
 
 
 def page_of_world(world: PlayedWorld) -> Page:
@@ -27,7 +23,7 @@ def page_of_world(world: PlayedWorld) -> Page:
     }
     alone = {name: (partial(_of_one, answer), threads) for name, (answer, threads) in questions.items()}
     streams = {"heard": (partial(_of_one, world.heard), sounds)}
-    return Page("play.html", SCRIPTS, alone, ((world.warm, images),), BESIDE, streams)
+    return Page("play.js", alone, ((world.warm, images),), streams)
 
 
 def _of_one(answer: Callable[[Any], Answer], _: int, query: Any) -> Answer:

@@ -14,28 +14,10 @@ from objectfolder.errors import InputError
 from objectfolder.products.atomic import atomic_write
 from objectfolder.products.provenance import file_digest
 from pipeline.publish.viewer import FORMAT
+from pipeline.publish.viewer.joined_scripts import joined_script
 
 FILES_OF = "*.safetensors"  # a folder
 PAGE = Path(__file__).parent / "page"
-SHARED_SCRIPTS = (
-    "algebra.js",
-    "orbit.js",
-    "contact.js",
-    "elements.js",
-    "gestures.js",
-    "python_text.js",
-    "listening.js",
-    "charts.js",
-    "panel.js",
-)
-STATIC_SCRIPTS = (
-    "stored_data.js",
-    "stored_surface.js",
-    "stored_modes.js",
-    "drawing.js",
-    "stored_object.js",
-    "player.js",
-)
 
 
 def object_files_of(paths: Sequence[Path]) -> list[Path]:
@@ -100,7 +82,7 @@ def player_script(object_file: Path, object_id: str, cache: Path | None = None) 
 
 def write_player_assets(folder: Path) -> set[str]:
     """Write ``player.js`` and ``player.css``, once for all objects of a page; return their names."""
-    code = "".join((PAGE / name).read_text(encoding="utf-8") for name in (*SHARED_SCRIPTS, *STATIC_SCRIPTS))
+    code = joined_script("player.js", lambda name: (PAGE / name).read_text(encoding="utf-8"))
     _write(folder / "player.js", code.encode())
     _write(folder / "player.css", (PAGE / "player.css").read_bytes())
     return {"player.js", "player.css"}

@@ -1,25 +1,18 @@
 // The direction of a blow, as chosen on the page.
-"use strict";
-(function (viewer) {
-  const { dot, times } = viewer.algebra;
+import { dot, times } from "./algebra.js";
 
-  const DIRECTIONS = [
-    ["normal", "into the surface"],
-    ["view", "away from you"],
-    ["down", "downwards (−z)"],
-    ["across", "sideways (+x)"],
-  ];
+export const DIRECTIONS = [
+  ["normal", "into the surface"],
+  ["view", "away from you"],
+  ["down", "downwards (−z)"],
+  ["across", "sideways (+x)"],
+];
 
-  // The side of the surface that was struck: its normal against the ray.
-  const outward = (normal, ray) => (dot(normal, ray) > 0 ? times(normal, -1) : normal);
+// The side of the surface that was struck: its normal against the ray.
+export const outward = (normal, ray) => (dot(normal, ray) > 0 ? times(normal, -1) : normal);
 
-  function pushOf(along, normal, ray) {
-    if (along === "normal") return times(normal, -1);
-    if (along === "view") return ray;
-    return along === "down" ? [0, 0, -1] : [1, 0, 0];
-  }
-
-  viewer.DIRECTIONS = DIRECTIONS;
-  viewer.outward = outward;
-  viewer.pushOf = pushOf;
-})((window.objectfolderViewer ??= {}));
+export function pushOf(along, normal, ray) {
+  if (along === "normal") return times(normal, -1);
+  if (along === "view") return ray;
+  return along === "down" ? [0, 0, -1] : [1, 0, 0];
+}

@@ -1,5 +1,5 @@
 // Plays blocks of sound that arrive, one after the other without a seam, in the thread of the audio device.
-"use strict";
+
 // Sound waits so long at first, and longer after each gap: what a busy machine may be late. Seconds.
 const FIRST_S = 0.12;
 const LONGER_S = 0.03;

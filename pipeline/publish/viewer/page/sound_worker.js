@@ -1,11 +1,11 @@
 // Takes sound as it comes and hands it to the player, beside the thread of the page, which images keep busy.
-"use strict";
-importScripts("asking.js");
+import { answers } from "./asking.js";
+
 let player = null;
 let running = false;
 
 async function listen() {
-  for await (const { header, payload } of self.objectfolderViewer.answers("heard", { since: 0 })) {
+  for await (const { header, payload } of answers("heard", { since: 0 })) {
     const pascals = new Float32Array(payload);
     const peak = pascals.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
     if (peak || header.said) self.postMessage({ peak, said: header.said });

@@ -1,13 +1,22 @@
-"""The first page of a report: all objects in a table, and what is known of them together."""
+"""The report of a data set: metrics, tables, pages and cards on the fidelity of Object Files.
 
+Everything is a function of the products and the cost table: no time, host or path gets in.
+"""
+
+import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 from markupsafe import Markup
 
-from pipeline.dataset.failures import FailedObject
+from objectfolder.products.atomic import write_whole
+from objectfolder.products.provenance import canonical_json
+from pipeline.dataset.failures import FailedObject, read_failures
+from pipeline.dataset.job import Runner
 from pipeline.dataset.measures import (
     CONTACT,
     FOREGROUND,
@@ -19,23 +28,47 @@ from pipeline.dataset.measures import (
     Measure,
     number_at,
 )
+from pipeline.dataset.products import PLAYERS
+from pipeline.dataset.stages import FIDELITY
+from pipeline.dataset.verified import Verified
+from pipeline.publish.data_set import REPORTS, write_cards
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
-from pipeline.publish.report.measured_objects import MeasuredObject, worst_first
-from pipeline.publish.report.object_page import OBJECTS, SENSE_NAMES, page_name
-from pipeline.publish.report.summary import (
+from pipeline.publish.report.measured_objects import (
+    MeasuredObject,
     MeasureSummary,
     cost_summary,
+    mean,
+    read_objects,
+    summaries,
+    worst_first,
+)
+from pipeline.publish.report.object_page import (
+    OBJECTS,
+    SENSE_NAMES,
+    ObjectPage,
+    code_digest,
+    page_name,
+    shown_fingerprint,
+)
+from pipeline.publish.report.page_files import RunnerFor, write_pages
+from pipeline.publish.report.summary import (
     definitions_of,
     error_words,
-    mean,
+    metrics_text,
+    object_table,
     speed_error_rows,
+    speed_error_table,
     split,
     stage_rows,
 )
 from pipeline.publish.report.templates import security_policy, template_environment, web_link
+from pipeline.run.costs import costs_path, read_costs
+from pipeline.run.exclusive import exclusive
 
 SCRIPTS = ("index.js",)
 MOST_SOURCES = 60  # others are found only by the search
+# Pairs that a page shows of each sense, at most: as many as a verification stores.
+PAIRS = 4
 
 
 class Column(NamedTuple):
@@ -77,7 +110,97 @@ class Row(NamedTuple):
     numbers: Sequence[float | None] = (None,) * len(COLUMNS)
 
 
-def render_index(
+def make_report(root: Path) -> None:
+    """Write the tables, the pages and the cards of the data set."""
+
+    def runner_for(pages: int) -> AbstractContextManager[Runner]:
+        from pipeline.cluster.cluster import runner
+        from pipeline.cluster.places import read_place
+
+        return runner(read_place(root), root, pages)
+
+    fidelity, reports = root / FIDELITY.folder, root / REPORTS
+    with exclusive(root, "stage report"):
+        write_report(fidelity, costs_path(root), reports, read_failures(root), runner_for=runner_for)
+        write_cards(root, reports)
+    print(f"Report: {REPORTS}/index.html")
+
+
+def write_report(
+    fidelity_folder: Path,
+    costs_csv: Path,
+    reports_folder: Path,
+    failures: Iterable[FailedObject] = (),
+    *,
+    pairs: int = PAIRS,
+    runner_for: RunnerFor | None = None,
+) -> None:
+    """Write metrics.json, per_object.csv, speed_error.csv, index.html and a page an object in ``objects/``.
+
+    Pages that show what is known are kept as they are; those of objects that are gone are
+    removed. The other products of an object are looked for beside `fidelity_folder`.
+
+    Parameters
+    ----------
+    fidelity_folder
+        Fidelity products, ``<id>.zarr.zip``; an unreadable one is reported as a failure.
+    costs_csv
+        Table of costs (see `pipeline.run.costs.read_costs`); may be absent.
+    reports_folder
+        Made where it is missing.
+    failures
+        What the run before could not make.
+    pairs
+        Held-out queries of each sense that a page shows, at most.
+    runner_for
+        Who draws pages where many changed (see `pipeline.publish.report.page_files.draw_pages`).
+
+    Raises
+    ------
+    InputError
+        A cost table that is not one.
+    """
+    objects, unreadable = read_objects(fidelity_folder, read_costs(costs_csv))
+    all_failures = sorted(
+        [*failures, *unreadable], key=lambda subject: (subject.object, subject.stage, subject.error)
+    )
+    own: dict[str, list[FailedObject]] = {}
+    for failure in all_failures:
+        own.setdefault(failure.object, []).append(failure)
+    ids = ["", *(subject.object_id for subject in objects), ""]
+    data, states = fidelity_folder.parent, Verified(reports_folder.parent)
+    pages = [
+        ObjectPage(subject, data, ids[place], ids[place + 2], own.get(subject.object_id, ()), pairs, states)
+        for place, subject in enumerate(objects)
+    ]
+    page_ids, faults = write_pages(
+        pages, reports_folder / OBJECTS, reports_folder.parent / PLAYERS, runner_for
+    )
+    states.save()
+    all_failures += faults
+    measures = summaries(worst_first(objects))
+    texts = {
+        "metrics.json": metrics_text(
+            [(row.measure, row.mean, row.worst) for row in measures],
+            len(objects),
+            len({failure.object for failure in all_failures}),
+            sum(subject.silent for subject in objects),
+        ),
+        "per_object.csv": object_table(objects),
+        "speed_error.csv": speed_error_table(objects),
+    }
+    content = canonical_json(
+        [code_digest(), [page.fingerprint for page in pages], list(map(repr, all_failures))]
+    )
+    fingerprint = hashlib.sha256(content.encode()).hexdigest()
+    # What the first page shows of an object whose own page failed is in no fingerprint.
+    if faults or shown_fingerprint(reports_folder / "index.html")[0] != fingerprint:
+        texts["index.html"] = _render_index(objects, measures, all_failures, page_ids, fingerprint)
+    for name, text in texts.items():
+        write_whole(reports_folder / name, text)
+
+
+def _render_index(
     objects: Sequence[MeasuredObject],
     measures: Sequence[MeasureSummary],
     failures: Sequence[FailedObject],
