@@ -29,6 +29,7 @@ IN_A_CHILD = (
     f"import subprocess, sys; subprocess.run([sys.executable, '-c', {f'{GROWING}; time.sleep(60)'!r}]); "
     "raise OSError('nobody minded')"
 )
+BRIEF = "held = b'x' * (250 << 20)"
 HOLD_120_MB = "import time; held = b'x' * (120 << 20); time.sleep(60)"
 SPREAD = (
     "import subprocess; subprocess.run(['sh', '-c', 'for i in 1 2 3 4; do \"$0\" -c \"$1\" & done; wait', "
@@ -69,6 +70,14 @@ def test_peak_counts_what_a_task_started(toys):
         alone = child.run(small).peak_bytes
         for _ in range(2):  # the second time it is no new largest child
             assert child.run(starts).peak_bytes > alone + (160 << 20)
+
+
+def test_peak_counts_a_process_that_ended_before_anybody_looked(toys, monkeypatch):
+    monkeypatch.setattr(MemoryWatch, "look", lambda *_: None)
+    body = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {BRIEF!r}], check=True)"
+    small, starts = calls_of(toys, ["small", "starts"], {"starts": body})
+    with Child(toys.root, ChildSettings()) as child:
+        assert child.run(small).peak_bytes < 250 << 20 < child.run(starts).peak_bytes
 
 
 @pytest.fixture
