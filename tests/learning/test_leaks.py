@@ -122,6 +122,7 @@ def labelled(count, seed, classes=4):
     return Labelled(torch.rand(count, 3, 16, 16, generator=random) + labels[:, None, None, None], labels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["sample", "unseen"])
 def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeypatch, protocol):
     monkeypatch.setattr(encoders, "LOGS", tmp_path)

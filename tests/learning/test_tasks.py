@@ -146,6 +146,7 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     assert not re.search(r'(?:src|href)="(?!data:|index\.html)', text), "the page stands alone"
 
 
+@pytest.mark.slow
 def test_figures_stand_beside_the_settings_and_the_objects_that_they_are_of(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr("learning.__main__.read_settings", lambda path: tiny)
     monkeypatch.setitem(TASKS, "retrieval", lambda objects, settings, workers: {"objects": len(objects)})

@@ -100,6 +100,7 @@ def test_texture_has_features_and_coordinates_stay_in_it(products, name):
     assert 0 <= coordinates.min() <= coordinates.max() <= 1
 
 
+@pytest.mark.slow
 def test_same_bytes_each_time(starter, tmp_path):
     write_starter_set(tmp_path)
     for path in sorted((starter / "starter").rglob("*.*")):

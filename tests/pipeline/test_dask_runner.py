@@ -146,6 +146,7 @@ def test_what_kills_its_worker_fails_alone(toys, capfd):
     assert not any(end.outcome.failure for end in good)
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_said_so(toys):
     gone = Place(address="tcp://127.0.0.1:9", reconnect_s=0.5)
     with pytest.raises(SimulationError, match="no scheduler answers"), runner(gone, toys.root, 3):

@@ -72,6 +72,7 @@ def test_peak_counts_what_a_task_started(toys):
             assert child.run(starts).peak_bytes > alone + (160 << 20)
 
 
+@pytest.mark.slow
 def test_peak_counts_a_process_that_ended_before_anybody_looked(toys, monkeypatch):
     monkeypatch.setattr(MemoryWatch, "look", lambda *_: None)
     body = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {BRIEF!r}], check=True)"
@@ -93,6 +94,7 @@ def holder():
     process.communicate()
 
 
+@pytest.mark.slow
 def test_where_the_host_runs_short_only_what_is_above_its_estimate_ends(holder):
     def look(expected_mb, left):
         return MemoryWatch(holder.pid, None, expected_mb * 10**6, lambda: left).look("mug")

@@ -100,6 +100,7 @@ def test_an_angle_is_few_parts_that_cover_it() -> None:
     assert [hull.vertices.tobytes() for hull in parts.hulls] == [h.vertices.tobytes() for h in again.hulls]
 
 
+@pytest.mark.slow
 def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
     ball = surface_of(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     (hull,) = convex_parts(ball).hulls
