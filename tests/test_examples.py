@@ -37,7 +37,10 @@ def public() -> dict[str, Callable[..., Any]]:
 
 
 PUBLIC = public()
-SLOW = ("objectfolder.audio.simulate_modes", "objectfolder.vision.simulate_views")
+SLOW = (
+    "objectfolder.audio.simulate_modes", "objectfolder.fidelity.verify_object",
+    "objectfolder.vision.simulate_views",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from objectfolder.audio.recordings.partials import Partials, partials_of, partia
 from objectfolder.audio.recordings.recording import Recording, read_recording, recording_of
 from objectfolder.errors import InputError
 
-SLOW_FIXTURES = ("partials",)
+SLOW_FIXTURES = ("body",)
 RATE_HZ = 32000
 BAR_M = np.array((0.20, 0.024, 0.010))
 WALL_M = 2 * BAR_M.prod() / (2 * (BAR_M * np.roll(BAR_M, 1)).sum())

@@ -12,6 +12,8 @@ from pipeline.audit.findings import State
 from pipeline.audit.verification import MISSING, verify
 from pipeline.dataset.stages import VIEWS
 
+SLOW_FIXTURES = ("far",)
+
 
 @pytest.fixture(scope="module")
 def far(tmp_path_factory):

@@ -48,6 +48,7 @@ def test_what_was_made_is_not_made_again(tmp_path, monkeypatch):
     assert not list(tmp_path.glob("*.partial"))
 
 
+@pytest.mark.slow
 def test_what_other_code_made_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     paths = {kept_path(module, {"unit": "a"}, ".npz") for module in ("learning.metrics", "learning.encoders")}

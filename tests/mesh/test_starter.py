@@ -12,6 +12,7 @@ from pipeline.dataset.catalogue import read_catalogue
 from pipeline.intake.starter.write import STARTER_OBJECTS, write_starter_set
 
 REPOSITORY = Path(__file__).parents[2]
+SLOW_FIXTURES = ("products",)
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
 
 

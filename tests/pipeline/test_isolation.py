@@ -158,6 +158,7 @@ def test_a_process_ends_that_took_the_number_of_another(tmp_path):
     assert not was_alive
 
 
+@pytest.mark.slow
 def test_a_child_killed_while_idle_is_no_ones_loss(toys):
     first, second = calls_of(toys, ["first", "second"])
     with Child(toys.root, ChildSettings()) as child:
@@ -168,6 +169,7 @@ def test_a_child_killed_while_idle_is_no_ones_loss(toys):
         assert child.run(second).failure is None
 
 
+@pytest.mark.slow
 def test_interrupted_by_another_thread(toys):
     (call,) = calls_of(toys, ["long"], {"long": f"{SLEEPER}; sleeper.wait()"})
     with Child(toys.root, ChildSettings()) as child:

@@ -204,6 +204,7 @@ def test_a_local_repository_needs_no_remote(made, tmp_path):
     assert (tmp_path / "b/mug.safetensors").read_bytes() == third["mug.safetensors"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "ids", "options", "match"),
     [

@@ -113,6 +113,7 @@ def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
     assert max(len(hull.vertices) for hull in parts) <= 32
 
 
+@pytest.mark.slow
 def test_a_surface_that_takes_too_long_has_no_parts_and_its_product_says_why(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
