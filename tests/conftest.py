@@ -87,15 +87,17 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Remember what was collected, before any of it is deselected or sorted; a browser is slow.
+    """Remember what was collected, before any of it is deselected or sorted.
 
+    Slow is what asks for a browser, or for a fixture that the module names in ``SLOW_FIXTURES``.
     Modules with many slow tests come first, so that no process is left alone with one of them at the end.
     """
     config.stash[COLLECTED] = [item.nodeid for item in items]
     if "COLLECTED_FILE" in os.environ:
         Path(os.environ["COLLECTED_FILE"]).write_text("\n".join(config.stash[COLLECTED]))
     for item in items:
-        if "browser" in getattr(item, "fixturenames", ()):
+        dear = {"browser", *getattr(getattr(item, "module", None), "SLOW_FIXTURES", ())}
+        if dear.intersection(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
     slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
     items.sort(key=lambda item: -slow[item.path])

@@ -37,6 +37,10 @@ def public() -> dict[str, Callable[..., Any]]:
 
 
 PUBLIC = public()
+SLOW = (
+    "objectfolder.audio.simulate_modes", "objectfolder.fidelity.verify_object",
+    "objectfolder.vision.simulate_views",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,14 @@ def examples(small_file: Path, glass_bar: TexturedMesh, tmp_path_factory: pytest
 
 
 # Those of objectfolder.batch run in tests/batch, in a process that compiles its bodies.
-@pytest.mark.parametrize("name", sorted(name for name in PUBLIC if ".batch." not in name))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
+        for name in sorted(PUBLIC)
+        if ".batch." not in name
+    ],
+)
 def test_example_yields_what_it_says(name, examples, monkeypatch):
     monkeypatch.chdir(examples)
     run_example(name, PUBLIC[name])

@@ -138,6 +138,7 @@ def test_a_convex_part_that_is_flat(changed):
         _ = file.collision
 
 
+@pytest.mark.slow
 def test_a_surface_whose_faces_meet_in_a_few_places(changed):
     """Smooth normals look at all pairs of corners in a place: 60,000 faces at seven places were 2.6 TB."""
     faces = 60_000
@@ -197,6 +198,7 @@ def crowded(file: ObjectFile, names: list[str], pitch: float = FINEST_PITCH) -> 
     return tensors, {"vision": {"maps": described}}
 
 
+@pytest.mark.slow
 def test_maps_of_as_many_places_as_a_lattice_may_have(changed, small_file, monkeypatch):
     """Faces full of holes are cut into no more than `MOST_PIECES`, whole arrays at a time."""
     assert holes.MOST_HOLE_PIECES <= 200_000  # 4 s of a query, and 150 MB

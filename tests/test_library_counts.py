@@ -13,6 +13,7 @@ import objectfolder
 LIBRARY = Path(objectfolder.__file__).parent
 MOST_PARAMETERS = 8
 # Functions with more of them; the number only falls.
+SLOW_FIXTURES = ("modules",)
 LONG_SIGNATURES = 20
 # Modules that one other module imports, no package hands on, and no program beside the library imports.
 ONE_IMPORTER = 38

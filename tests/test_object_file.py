@@ -257,6 +257,7 @@ def test_sampled_queries_are_valid_and_repeat_with_the_seed(bar: ObjectFile) -> 
     assert bar.project(points).distance.max() < 1e-9
 
 
+@pytest.mark.slow
 def test_it_answers_with_the_core_dependencies_alone(small_file: Path, tmp_path: Path) -> None:
     """The interpreter that asks has a folder of packages with numpy, numba and scipy alone."""
     installed = Path(np.__file__).parents[1]

@@ -266,6 +266,7 @@ def test_examples_are_small_and_say_how_faithful_they_are() -> None:
         assert "/" not in str(said["provenance"]["inputs"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_answer_sight_sound_and_touch(name: str) -> None:
     file = objectfolder.example(name)

@@ -84,6 +84,7 @@ def dangers(path: Path) -> Iterator[str]:
                 yield f"{where}:{node.lineno} calls {called}"
 
 
+@pytest.mark.slow
 def test_no_code_here_runs_what_data_names():
     found = [danger for path in SOURCES for danger in dangers(path)]
     # PyYAML's load takes any loader; the only other load of that name is ruamel's, whose default is safe.

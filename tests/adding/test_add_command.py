@@ -85,6 +85,7 @@ def test_an_axis_that_is_up_stands_in_the_row(tmp_path, capsys):
     assert row_of(record, read_materials(MATERIALS)["wood"])["up"] == record.up == "y"
 
 
+@pytest.mark.slow
 def test_an_object_is_checked_copied_pictured_and_listed(tmp_path, capsys):
     mesh, table = cup(tmp_path / "in" / "My cup.ply"), tmp_path / "data" / "my_objects.csv"
     assert add(mesh, table, "--source", "turned by hand", "--roughness", "0.2") == 0
@@ -134,6 +135,7 @@ def test_an_id_that_is_there_is_replaced_on_demand_only(tmp_path, capsys):
     assert len([path for path in (tmp_path / "t").iterdir() if path.is_dir()]) == 1
 
 
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing(tmp_path, capsys):
     mesh, table = cup(tmp_path / "cup.stl"), tmp_path / "t.csv"
     assert add(mesh, table, "--dry-run") == 0

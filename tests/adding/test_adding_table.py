@@ -66,6 +66,7 @@ def test_a_replaced_row_keeps_cells_that_are_not_the_objects(tmp_path):
 texts = st.text(st.characters(codec="utf-8", exclude_characters="\x00"), max_size=12)
 
 
+@pytest.mark.slow
 @example([], "\n", "\r")
 @example([], "\n", "\r\nz")
 @given(st.lists(st.lists(texts, min_size=4, max_size=4), max_size=4), st.sampled_from(["\n", "\r\n"]), texts)

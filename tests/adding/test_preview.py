@@ -72,6 +72,7 @@ def test_thin_walls_are_red():
     assert RED[0] > RED[1]
 
 
+@pytest.mark.slow
 def test_the_picture_has_its_views_and_its_text(tmp_path):
     mesh = tube(0.008)
     sizes = []

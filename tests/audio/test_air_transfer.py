@@ -292,6 +292,7 @@ def test_harmonics_are_orthonormal():
     np.testing.assert_allclose((table * share) @ table.conj().T, np.eye(count_of(6)), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_elements_are_closed_of_one_size_and_of_the_same_volume():
     box = trimesh.creation.box((0.1, 0.1, 0.002))  # a sheet of 2 mm
     surface = halved(Surface(np.array(box.vertices), np.array(box.faces)), 0.004)

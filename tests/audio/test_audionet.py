@@ -86,6 +86,7 @@ def test_unseen_points_are_met_within_minus_40_db(plate: tuple[Surface, Product]
     assert stored_bytes(net) < 30_000
 
 
+@pytest.mark.slow
 def test_teeth_that_move_apart_are_told_apart() -> None:
     """Bending of each tooth by itself: across a gap of 2 mm displacements have nothing in common."""
     surface = comb()
@@ -105,6 +106,7 @@ def test_teeth_that_move_apart_are_told_apart() -> None:
     assert stored_bytes(net) < 40_000
 
 
+@pytest.mark.slow
 def test_a_tongue_that_moves_by_itself_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
     """A patch of a torn wall: at its edge the modes jump within the width of a face."""
     plain = Surface(*box((0, 0, 0), (0.1, 0.08, 0.01)))

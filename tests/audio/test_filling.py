@@ -101,6 +101,7 @@ def test_a_turned_object_has_another_solid_as_good() -> None:
     assert len(turned.tetrahedra) == pytest.approx(len(solid.tetrahedra), rel=0.3)
 
 
+@pytest.mark.slow
 def test_bodies_that_touch_along_an_edge_or_nearly_touch_stay_apart() -> None:
     """Two cubes share an edge, which four faces meet at; 5 mm beside the second is half a cube."""
     second, third = block((0.1, 0.1, 0.1), (0.1, 0.1, 0)), block((0.05, 0.1, 0.1), (0.18, 0.1, 0))
@@ -112,6 +113,7 @@ def test_bodies_that_touch_along_an_edge_or_nearly_touch_stay_apart() -> None:
     assert solid.report["doubts"] == []
 
 
+@pytest.mark.slow
 def test_a_non_manifold_sheet_inside_changes_nothing() -> None:
     """A wall across a box: three faces at each of its edges."""
     vertices, faces = block((0.05, 0.04, 0.04), (0.025, 0, 0))
@@ -144,6 +146,7 @@ def test_needles_do_not_hurt() -> None:
     assert solid.volume_m3 == pytest.approx(0.1 * 0.03 * 0.02, rel=0.01)
 
 
+@pytest.mark.slow
 def test_patches_turned_inside_out_are_turned_back() -> None:
     vertices, faces = block((0.1, 0.02, 0.01))
     faces = np.concatenate([faces[:5, ::-1], faces[5:]])
@@ -153,6 +156,7 @@ def test_patches_turned_inside_out_are_turned_back() -> None:
     assert solid.report["doubts"] == []
 
 
+@pytest.mark.slow
 def test_an_open_box_is_filled() -> None:
     vertices, faces = block((0.1, 0.02, 0.01))
     solid = fill(Surface(vertices, faces[:-2]))
@@ -186,6 +190,7 @@ def test_a_stated_wall_and_a_shell_exclude_each_other() -> None:
         fill(Surface(*block((1, 1, 1))), wall_m=0.1, shell_m=0.1, name="can")
 
 
+@pytest.mark.slow
 def test_a_stated_wall_is_filled() -> None:
     surface = Surface(*block((0.1, 0.08, 0.001)))
     solid = fill(surface, wall_m=0.003)
@@ -283,6 +288,7 @@ def test_a_kill_from_outside_makes_no_other_solid(monkeypatch: pytest.MonkeyPatc
     assert len(calls) == 1
 
 
+@pytest.mark.slow
 def test_an_object_of_24_metres() -> None:
     solid = fill(Surface(*block((24.0, 2.0, 1.0))))
     sound(solid)

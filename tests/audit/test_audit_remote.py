@@ -12,6 +12,8 @@ from pipeline.audit.findings import State
 from pipeline.audit.verification import MISSING, verify
 from pipeline.dataset.stages import VIEWS
 
+SLOW_FIXTURES = ("far",)
+
 
 @pytest.fixture(scope="module")
 def far(tmp_path_factory):
@@ -80,12 +82,14 @@ def test_descriptions_are_fetched_once(far, monkeypatch):
     assert sorted(fetched) == ["data/views/cup.zarr.zip", "data/views/dish.zarr.zip"]
 
 
+@pytest.mark.slow
 def test_cache_that_is_damaged_costs_time_only(far, cached):
     far.audit("HEAD~1", "HEAD")
     (cached / "cache.db").write_bytes(b"no database" * 100)
     assert states(far.audit("HEAD~1", "HEAD")) == {"cup": State.CHANGED, "dish": State.CHANGED}
 
 
+@pytest.mark.slow
 def test_arrays_of_what_is_far_are_read(far):
     found = far.audit("HEAD~1", "HEAD", arrays=True)
     assert found.arrays_read

@@ -26,6 +26,7 @@ def test_the_page_groups_lines_by_sense_and_cites_each_source_once():
     assert "](touch.svg)\n\n## Sources" in page([row, other], {"touch": "touch.svg"})
 
 
+@pytest.mark.slow
 def test_pictures_are_small_and_the_same_for_the_same_figures(tmp_path: Path) -> None:
     about = ("", "", "all", "Who, 2024", 2.0)
     rows = [

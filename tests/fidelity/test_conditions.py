@@ -1,6 +1,7 @@
 """Figures of views in other conditions: those of the file's own images, and of wrong ones."""
 
 import numpy as np
+import pytest
 
 import objectfolder
 from objectfolder.fidelity.conditions import measure_conditions
@@ -36,6 +37,7 @@ def own_views(file: objectfolder.ObjectFile) -> Product:
     )
 
 
+@pytest.mark.slow
 def test_the_own_images_of_a_file_have_no_error_and_those_of_another_lamp_have() -> None:
     file = objectfolder.example("bowl")
     views = own_views(file)

@@ -69,6 +69,7 @@ def test_a_film_is_the_same_whatever_was_done_before_it(held):
     assert once[2][1].any()
 
 
+@pytest.mark.slow
 def test_what_is_filmed_comes_out_as_its_name_says(mugs, held, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
     monkeypatch.setattr(clips, "EACH", 1)

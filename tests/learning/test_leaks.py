@@ -122,6 +122,7 @@ def labelled(count, seed, classes=4):
     return Labelled(torch.rand(count, 3, 16, 16, generator=random) + labels[:, None, None, None], labels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", ["sample", "unseen"])
 def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeypatch, protocol):
     monkeypatch.setattr(encoders, "LOGS", tmp_path)
@@ -155,6 +156,7 @@ def features(seed, tests):
     return Encoder(splits, 0.1)
 
 
+@pytest.mark.slow
 def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
     parameters = Retrieval(dimensions=4, epochs=2, margin=0.2, temperature=0.1)
     pair = features(0, 0), features(1, 0)
@@ -189,6 +191,7 @@ def test_an_occupancy_network_is_fitted_to_training_samples_of_known_objects(tin
     assert fitted[0][1] == (0, 2)
 
 
+@pytest.mark.slow
 def test_no_grasp_of_a_test_is_trained_on(objects, tiny):
     grasps = {"held": np.arange(32) % 3 == 0, "object": np.arange(32) // 8}
     units = [*stability._by_size(grasps, tiny), *stability._by_object(objects, grasps, tiny)]

@@ -1,5 +1,6 @@
 """The network and its training."""
 
+import pytest
 import torch
 
 from learning.networks import Labelled, ResNet18, answers, fit_classifier
@@ -22,6 +23,7 @@ def test_resnet_18_has_the_parameters_of_resnet_18():
     assert sum(one.numel() for one in ResNet18(3, 1000).parameters()) == 11_689_512
 
 
+@pytest.mark.slow
 def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again():
     sets = stripes(192, 0), stripes(32, 1)
     logs = [answers(fit_classifier(*sets, 2, ASKED, seed=3), stripes(64, 2).inputs)[1] for _ in range(2)]
@@ -29,6 +31,7 @@ def test_a_classifier_learns_what_can_be_learned_and_gives_the_same_bits_again()
     assert (logs[0].argmax(dim=1) == stripes(64, 2).labels).float().mean() > 0.9
 
 
+@pytest.mark.slow
 def test_two_senses_tell_together_what_neither_tells_alone():
     """Whether both have stripes along the first axis."""
 

@@ -17,6 +17,9 @@ RADII = {0: 0.25, 2: 0.4, 3: 0.1}
 FAR, NEAR = 20_000, 9000
 
 
+SLOW_FIXTURES = ("trained",)
+
+
 @pytest.fixture(scope="module")
 def few_points():
     """Fewer points than the tasks take."""

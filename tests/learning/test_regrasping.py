@@ -69,6 +69,7 @@ def test_a_grasp_that_would_hold_ends_nothing_until_it_is_lifted(held):
     assert environment.step(LIFT)[1:3] == (1.0, True)
 
 
+@pytest.mark.slow
 def test_who_knows_the_centre_holds_nearly_all_and_who_does_not_half(held):
     environment = _environment(held)
 

@@ -59,6 +59,7 @@ def made(objects: int, noise: float, seed: int, clusters: int = 0) -> Encoder:
     return Encoder(splits, 0.1)
 
 
+@pytest.mark.slow
 def test_every_way_retrieves_what_is_plain_and_none_retrieves_noise():
     plain = similarities((made(6, 0.1, 1, 1), made(6, 0.1, 2, 2)), 6, ASKED, seed=0)
     noise = similarities((made(6, 60.0, 1, 1), made(6, 60.0, 2, 2)), 6, ASKED, seed=0)

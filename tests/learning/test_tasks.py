@@ -48,6 +48,7 @@ def test_what_was_made_is_not_made_again(tmp_path, monkeypatch):
     assert not list(tmp_path.glob("*.partial"))
 
 
+@pytest.mark.slow
 def test_what_other_code_made_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     paths = {kept_path(module, {"unit": "a"}, ".npz") for module in ("learning.metrics", "learning.encoders")}
@@ -146,6 +147,7 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     assert not re.search(r'(?:src|href)="(?!data:|index\.html)', text), "the page stands alone"
 
 
+@pytest.mark.slow
 def test_figures_stand_beside_the_settings_and_the_objects_that_they_are_of(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr("learning.__main__.read_settings", lambda path: tiny)
     monkeypatch.setitem(TASKS, "retrieval", lambda objects, settings, workers: {"objects": len(objects)})

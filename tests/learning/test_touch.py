@@ -57,6 +57,7 @@ def test_shapes_are_told_by_touch_and_draws_are_kept(folder, tiny, tmp_path, mon
     assert capsys.readouterr().out.count("touches: object") == len(SHAPES)
 
 
+@pytest.mark.slow
 def test_meshes_that_cannot_be_touched_are_left_out(folder, tiny, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
     settings = tiny.model_copy(

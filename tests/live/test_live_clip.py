@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from objectfolder.errors import QueryError
-from objectfolder.live.clip import AUDIO_RATE_HZ, beside, write_clip
+from objectfolder.live.clip import AUDIO_RATE_HZ, beside, recorded, write_clip
+from objectfolder.live.sight import SceneImage
 from pipeline.cli import main
 from tests.live.drop_scenes import drop_scene
 
@@ -42,6 +43,26 @@ def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
     assert again.read_bytes() == clip.read_bytes()
     assert main([*asked, str(again), "--seed", "1", "--overwrite"]) == 0
     assert again.read_bytes() != clip.read_bytes()
+
+
+def test_an_image_is_of_the_moment_at_which_its_sound_begins():
+    class World:
+        """A simulation that counts the frames that it has run, and shows and sounds that number."""
+
+        frames = 0
+
+        def image(self, camera_to_world, resolution):
+            return SceneImage(np.full((*resolution, 3), self.frames, np.uint8), *[np.zeros(resolution)] * 2)
+
+        def block(self):
+            self.frames += 1
+            return np.full(3, self.frames - 1.0)
+
+    world = World()
+    for number, (image, pressure) in enumerate(recorded(world, world, np.eye(4), 0.1, (2, 2))):
+        assert (image == number).all()
+        assert (pressure == number).all()
+    assert number == 2
 
 
 def test_frames_and_sound_are_read_as_they_were_written(tmp_path):

@@ -140,6 +140,7 @@ LIBRARIES: dict[str, Make] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_material_library_in_any_writing(subtests, tmp_path_factory):
     for name in LIBRARIES:
         with subtests.test(name=name):

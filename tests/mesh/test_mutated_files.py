@@ -53,6 +53,7 @@ def unharmed(folder: Path) -> list[dict[str, str]]:
     return objects
 
 
+@pytest.mark.slow
 def test_some_mutated_files_of_every_kind(tmp_path):
     """What mutated files are refused for is what was done to them: whole, each is read."""
     originals = unharmed(tmp_path)
@@ -101,6 +102,7 @@ def test_textures_that_are_too_large_together_are_refused(tmp_path, monkeypatch)
         load_mesh(mesh)
 
 
+@pytest.mark.slow
 def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
     """A reader that opens what it may not, one that fails, and one that does not end, are all found."""
     objects = mutated(tmp_path, range(3))

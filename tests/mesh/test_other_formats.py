@@ -193,7 +193,7 @@ def test_collada(tmp_path, up, metre, kind):
         ("a.dae", "<COLLADA", "no XML"),
         ("a.dae", dae_text(), "'textures/skin.png', which is not there"),
         ("a.dae", dae_text().replace(" 7 2 ", " 9 2 "), "cannot be read as COLLADA"),
-        ("a.fbx", "Kaydara FBX Binary", "cannot be read by Blender"),
+        pytest.param("a.fbx", "Kaydara FBX Binary", "cannot be read by Blender", marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_what_is_not_whole_is_refused(tmp_path, name, content, finding):

@@ -12,6 +12,7 @@ from pipeline.dataset.catalogue import read_catalogue
 from pipeline.intake.starter.write import STARTER_OBJECTS, write_starter_set
 
 REPOSITORY = Path(__file__).parents[2]
+SLOW_FIXTURES = ("products",)
 MATERIALS = ("ceramic", "glass", "wood", "plastic", "iron", "polycarbonate", "steel")
 
 
@@ -100,6 +101,7 @@ def test_texture_has_features_and_coordinates_stay_in_it(products, name):
     assert 0 <= coordinates.min() <= coordinates.max() <= 1
 
 
+@pytest.mark.slow
 def test_same_bytes_each_time(starter, tmp_path):
     write_starter_set(tmp_path)
     for path in sorted((starter / "starter").rglob("*.*")):

@@ -67,6 +67,7 @@ def test_geometry_alone_finds_what_is_thicker_than_anything_handled():
     assert kinds(measure_walls(revolved(can(0.03, 0.14)))) == []
 
 
+@pytest.mark.slow
 def test_the_suggested_shell_has_the_published_mass():
     body = revolved(ball(0.04))
     measures = measure_walls(body)

@@ -65,6 +65,7 @@ def test_help_shows_every_command_and_examples(capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().out.endswith(f"{objectfolder.__version__}\n")
 
 
+@pytest.mark.slow
 def test_each_command_has_examples_that_parse(capsys: pytest.CaptureFixture[str]) -> None:
     names = [command_name(function) for functions in COMMANDS.values() for function in functions]
     assert sorted(EXAMPLES) == sorted(names)

@@ -113,6 +113,7 @@ def test_the_longest_chain_runs_first_and_memory_is_kept(local):
     assert all(longer <= shorter + 0.2 for shorter, longer in itertools.pairwise(begins))
 
 
+@pytest.mark.slow
 def test_a_task_larger_than_any_worker_runs_alone_on_the_largest(local):
     toys, started = local
     small = [noted(toys, f"small_{index}", path_seconds=1.0, memory_bytes=10**8) for index in range(4)]
@@ -146,6 +147,7 @@ def test_what_kills_its_worker_fails_alone(toys, capfd):
     assert not any(end.outcome.failure for end in good)
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_said_so(toys):
     gone = Place(address="tcp://127.0.0.1:9", reconnect_s=0.5)
     with pytest.raises(SimulationError, match="no scheduler answers"), runner(gone, toys.root, 3):

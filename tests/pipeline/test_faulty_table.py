@@ -59,6 +59,7 @@ def root(meshes: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_each_fault_is_named_and_the_others_finish(root, monkeypatch, capsys):
     monkeypatch.chdir(root)
     assert main(["stage", "objects"]) == 0
@@ -77,6 +78,7 @@ def test_each_fault_is_named_and_the_others_finish(root, monkeypatch, capsys):
     assert str(root) not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_failures_stop_the_run_where_they_are_not_allowed(root, monkeypatch):
     monkeypatch.chdir(root)
     parameters = root / "params.yaml"

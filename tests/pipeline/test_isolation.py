@@ -69,6 +69,7 @@ def guard_of(child):
     return child._process.pid
 
 
+@pytest.mark.slow
 def test_poison_fails_itself_and_nothing_else(toys):
     names = [name for poison in POISON for name in (poison, f"good_{poison}")]
     with Child(toys.root, ChildSettings()) as child:
@@ -86,6 +87,7 @@ def test_poison_fails_itself_and_nothing_else(toys):
     assert len(toys.executed()) == len(names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("victim", ["task", "guard"])
 def test_killed_from_outside_is_told_apart_from_failing(toys, victim):
     killed, good = calls_of(toys, ["killed", "good"], {"killed": f"{SLEEPER}; sleeper.wait()"})
@@ -156,6 +158,7 @@ def test_a_process_ends_that_took_the_number_of_another(tmp_path):
     assert not was_alive
 
 
+@pytest.mark.slow
 def test_a_child_killed_while_idle_is_no_ones_loss(toys):
     first, second = calls_of(toys, ["first", "second"])
     with Child(toys.root, ChildSettings()) as child:
@@ -166,6 +169,7 @@ def test_a_child_killed_while_idle_is_no_ones_loss(toys):
         assert child.run(second).failure is None
 
 
+@pytest.mark.slow
 def test_interrupted_by_another_thread(toys):
     (call,) = calls_of(toys, ["long"], {"long": f"{SLEEPER}; sleeper.wait()"})
     with Child(toys.root, ChildSettings()) as child:
@@ -312,6 +316,7 @@ def test_children_that_keep_memory_between_tasks_are_replaced(toys):
     assert errors[0] == errors[1] != errors[2]
 
 
+@pytest.mark.slow
 def test_children_whose_code_changed_are_replaced_and_code_that_keeps_changing_fails(toys):
     module = toys.ingest.task.partition(":")[0]
     with Child(toys.root, ChildSettings()) as child:

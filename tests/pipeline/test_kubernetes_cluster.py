@@ -12,6 +12,7 @@ from pipeline.cluster.places import read_place
 from pipeline.cluster.starting import check_arguments
 
 
+@pytest.mark.slow
 def test_the_operator_takes_what_the_place_asks_for(pytestconfig):
     """Every field of the resource is one of the operator's schema, and of its type."""
     package = pytest.importorskip("dask_kubernetes")

@@ -20,6 +20,7 @@ def listening(process: psutil.Process) -> dict[int, set[str]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", ["", "tls: false\n"])
 def test_a_run_on_this_machine_listens_on_loopback_alone(toys, settings):
     (toys.root / "cluster").mkdir()

@@ -29,6 +29,7 @@ IN_A_CHILD = (
     f"import subprocess, sys; subprocess.run([sys.executable, '-c', {f'{GROWING}; time.sleep(60)'!r}]); "
     "raise OSError('nobody minded')"
 )
+BRIEF = "held = b'x' * (250 << 20)"
 HOLD_120_MB = "import time; held = b'x' * (120 << 20); time.sleep(60)"
 SPREAD = (
     "import subprocess; subprocess.run(['sh', '-c', 'for i in 1 2 3 4; do \"$0\" -c \"$1\" & done; wait', "
@@ -71,6 +72,15 @@ def test_peak_counts_what_a_task_started(toys):
             assert child.run(starts).peak_bytes > alone + (160 << 20)
 
 
+@pytest.mark.slow
+def test_peak_counts_a_process_that_ended_before_anybody_looked(toys, monkeypatch):
+    monkeypatch.setattr(MemoryWatch, "look", lambda *_: None)
+    body = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {BRIEF!r}], check=True)"
+    small, starts = calls_of(toys, ["small", "starts"], {"starts": body})
+    with Child(toys.root, ChildSettings()) as child:
+        assert child.run(small).peak_bytes < 250 << 20 < child.run(starts).peak_bytes
+
+
 @pytest.fixture
 def holder():
     """A process with a child that holds 400 MiB."""
@@ -84,6 +94,7 @@ def holder():
     process.communicate()
 
 
+@pytest.mark.slow
 def test_where_the_host_runs_short_only_what_is_above_its_estimate_ends(holder):
     def look(expected_mb, left):
         return MemoryWatch(holder.pid, None, expected_mb * 10**6, lambda: left).look("mug")

@@ -245,6 +245,7 @@ def test_a_page_cut_short_is_made_again(tmp_path: Path) -> None:
     assert page.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_workers_draw_pages_as_the_driver_does_and_only_those_that_changed(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,6 +27,7 @@ from pipeline.dataset.stages import (
 from pipeline.intake.starter.utensils import fork, spatula
 from pipeline.intake.starter.write import write_obj
 
+SLOW_FIXTURES = ("starter",)
 IDS = ("cup", "dish", "spoon")  # of steel, wood, wood
 SIGHT = ("views", "encode", "fidelity")
 SOUND = ("modes", "encode", "fidelity")

@@ -282,6 +282,7 @@ for turn in range(int(sys.argv[5])):
 """
 
 
+@pytest.mark.slow
 def test_workers_of_one_host_share_the_cache_while_some_are_killed(store, cache, tmp_path):
     from objectfolder.products.provenance import file_digest
 

@@ -44,6 +44,7 @@ def test_every_stage_but_the_first_has_a_dependency_and_none_always_changes():
     assert not any("always_changed" in stage for stage in DVC.values())
 
 
+@pytest.mark.slow
 def test_all_code_of_a_stage_has_a_digest(tmp_path, monkeypatch):
     (tmp_path / "data").mkdir()
     (tmp_path / "params.yaml").symlink_to(REPOSITORY / "params.yaml")

@@ -42,6 +42,7 @@ def test_a_certificate_that_is_missing_or_open_to_others_is_refused(certificate)
         tls.security_of_file(certificate)
 
 
+@pytest.mark.slow
 def test_only_holders_of_the_certificate_are_spoken_to(certificate, tmp_path):
     stranger = make_certificate(tmp_path / "stranger.pem")
     outcome = asyncio.run(_attempts(certificate, stranger))

@@ -62,6 +62,7 @@ def folder(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_croissant_is_valid_and_loads(folder, tmp_path):
     data_set = loaded(folder)
     assert data_set.metadata.ctx.conforms_to.value == "http://mlcommons.org/croissant/1.1"

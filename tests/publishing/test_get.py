@@ -81,6 +81,7 @@ def test_a_path_with_an_at_sign_is_a_path(tmp_path):
     assert split_revision(str(tmp_path / "set@home")) == (str(tmp_path / "set@home"), None)
 
 
+@pytest.mark.slow
 def test_objects_of_versions_come_alone(made, bare, tmp_path, capsys):
     _, versions = made
     for revision, version in (("", versions[1]), ("@v1", versions[0])):
@@ -101,6 +102,7 @@ def test_objects_of_versions_come_alone(made, bare, tmp_path, capsys):
     assert figures == {"file": str(path), "bytes": path.stat().st_size, "outcome": "already there"}
 
 
+@pytest.mark.slow
 def test_ids_may_stand_after_options(bare, tmp_path, capsys):
     assert main(["get", bare, "-o", str(tmp_path), "mug", "--jobs", "2", "cup"]) == 0
     assert main(["get", bare, "fork", "-o", str(tmp_path / "more"), "cup"]) == 0
@@ -111,6 +113,7 @@ def test_ids_may_stand_after_options(bare, tmp_path, capsys):
     assert "Unknown option: --nothing" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_said_and_others_come(bare, tmp_path, capsys):
     (tmp_path / "mug.safetensors").mkdir()
     assert main(["get", bare, "mug", "cup", "-o", str(tmp_path)]) == 1
@@ -181,6 +184,7 @@ def test_products_of_stages_lie_as_in_the_repository(bare, tmp_path):
     assert read_product(got[0].path)["rgba"].tolist() == [[2] * 3] * 2
 
 
+@pytest.mark.slow
 def test_all_objects_and_the_list_of_them(bare, tmp_path, capsys):
     assert main(["get", bare, "--list"]) == 0
     assert capsys.readouterr().out.split() == list(IDS)
@@ -200,6 +204,7 @@ def test_a_local_repository_needs_no_remote(made, tmp_path):
     assert (tmp_path / "b/mug.safetensors").read_bytes() == third["mug.safetensors"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "ids", "options", "match"),
     [
@@ -366,6 +371,7 @@ def test_a_remote_of_the_users_own_is_not_sent_elsewhere(made, tmp_path, capsys,
     assert "remote 'store' sets another url than your settings" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_contents_larger_than_any_of_their_kind_are_refused(bare, tmp_path, monkeypatch):
     monkeypatch.setitem(stores.MOST_BYTES, ".safetensors", 1000)
     [got] = get(bare, ["mug"], tmp_path)
@@ -415,6 +421,7 @@ def by_http(made, tmp_path):
         yield server, str(bare), versions[1]["mug.safetensors"]
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_no_fault_of_the_store(by_http, tmp_path, monkeypatch):
     server, bare, _ = by_http
     opened = Path.open

@@ -54,6 +54,7 @@ def declared(workshop):
     return store
 
 
+@pytest.mark.slow
 def test_from_the_first_release_to_a_second_that_another_fetches(workshop, run, tmp_path):
     workshop.restore()
     root, store = workshop.root, declared(workshop)

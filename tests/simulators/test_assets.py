@@ -100,6 +100,7 @@ def test_an_angle_is_few_parts_that_cover_it() -> None:
     assert [hull.vertices.tobytes() for hull in parts.hulls] == [h.vertices.tobytes() for h in again.hulls]
 
 
+@pytest.mark.slow
 def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
     ball = surface_of(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     (hull,) = convex_parts(ball).hulls
@@ -112,6 +113,7 @@ def test_hulls_have_few_corners_and_a_ball_stays_round() -> None:
     assert max(len(hull.vertices) for hull in parts) <= 32
 
 
+@pytest.mark.slow
 def test_a_surface_that_takes_too_long_has_no_parts_and_its_product_says_why(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -85,6 +85,7 @@ def test_a_scene_of_one_object_twice(bar: Path, tmp_path: Path, capsys: pytest.C
     assert "is there already" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_scene_without_room_or_of_two_objects_of_one_name_leaves_nothing(
     bar: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

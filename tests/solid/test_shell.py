@@ -15,6 +15,7 @@ from objectfolder.surface.winding_number import enclosed_volume
 NODES = 50_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shell", "nodes"),
     [(0.012, NODES), pytest.param(0.002, 200_000, marks=pytest.mark.release("objectfolder.solid"))],

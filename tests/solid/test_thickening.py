@@ -106,6 +106,7 @@ def test_an_open_tube_is_a_sheet_though_its_two_ends_face_away() -> None:
     assert enclosed_volume(tube)[0] == pytest.approx(ideal, rel=0.005)
 
 
+@pytest.mark.slow
 def test_a_tee_of_three_sheets_has_the_volume_of_their_union() -> None:
     """Three faces meet at an edge: each sheet ends there, and what they share is inside once."""
     from objectfolder.solid.filling import fill

@@ -84,6 +84,7 @@ def test_a_fault_of_each_kind_once_is_got_over_or_told(tmp_path, kind):
     assert files_in(got.folder) == sources.expected[IDS[1]]
 
 
+@pytest.mark.slow
 def test_a_fetch_that_is_killed_leaves_nothing_half_and_goes_on(tmp_path):
     sources = ServedSources(tmp_path / "served")
     members = ycb_members(YCB)

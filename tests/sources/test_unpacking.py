@@ -192,6 +192,7 @@ def test_reserved_names(tmp_path, kind, name):
     assert "is reserved" in refused(tmp_path, MAKERS[kind]([("fine", b""), (name, b"x")]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_member_too_many_is_refused_soon(tmp_path, kind, monkeypatch):
     """Ten times more members take some ten times longer, and not a hundred times."""

@@ -178,6 +178,17 @@ def test_two_distant_contacts_press_on_each_other() -> None:
     assert both.force_n == pytest.approx(2 * alone.force_n / (1 + lowered / 0.0001), rel=0.001)
 
 
+def test_a_start_that_is_right_where_it_presses_takes_in_what_else_the_object_overlaps() -> None:
+    one, both, gel = np.full(SHAPE, np.inf), np.full(SHAPE, np.inf), Elastomer(2e5, 0.48, 0.004)
+    one[5:10, 5:10] = both[5:10, 5:10] = both[30:35, 15:20] = 0.0
+    start = solve_contact(one, PITCH, gel, indentation_m=0.0001).pressure_pa
+    contact = solve_contact(both, PITCH, gel, indentation_m=0.0001, initial_pressure_pa=start)
+    assert_complementary(contact, both, 1.01e-5)
+    assert contact.force_n == pytest.approx(
+        solve_contact(both, PITCH, gel, indentation_m=0.0001).force_n, rel=1e-4
+    )
+
+
 def test_what_does_not_converge_is_an_error_with_a_remedy() -> None:
     with pytest.raises(SimulationError, match=r"after 2 iterations.*Allow more iterations"):
         solve_contact(bumps(1), PITCH, Elastomer(2e5, 0.5, 0.002), indentation_m=0.0005, maximum_iterations=2)

@@ -26,6 +26,7 @@ from objectfolder.touch.truth.press import press
 from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.touch.truth.touches import Press
 
+SLOW_FIXTURES = ("pool",)
 SENSOR = Sensor()
 PAINTED = replace(SENSOR, photometric_table=PhotometricTable(np.zeros((3, 2, 3, 6), np.float16)))
 SURFACES = {

@@ -99,6 +99,7 @@ def test_a_touchnet_answers_held_out_touches_from_the_compressed_surface() -> No
     assert (answer.reachable == truth["reachable"]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "object_id", ["062_dice", pytest.param("025_mug", marks=pytest.mark.release("objectfolder.touch"))]
 )

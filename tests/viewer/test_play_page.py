@@ -279,6 +279,16 @@ def test_an_image_that_moves_is_a_draft_and_says_how_long_it_took(world):
     assert header["drawn_ms"] > 0
 
 
+def test_an_image_is_of_the_latest_block_of_sound(world):
+    camera = camera_over(world._points)
+    world._world.lift("0_mug", 0.05)
+    for _ in range(8):  # it falls
+        world._advance()
+    shown = world.seen({"camera_to_world": camera.tolist(), "resolution": 48, "sub_rays": 1})[1]
+    expected = world.sight(world._world).image(camera, 48, sub_rays=1)
+    assert shown[: 3 * 48**2] == expected.rgb.tobytes()
+
+
 def test_an_image_that_cannot_be_drawn_says_why(world):
     query = {"camera_to_world": np.zeros((4, 4)).tolist(), "resolution": 16}
     with pytest.raises(QueryError, match="rigid"):

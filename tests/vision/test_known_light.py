@@ -175,6 +175,7 @@ def test_a_file_without_a_network_opens_and_answers_alike():
         VisionNet.from_tensors(tensors, metadata, net._surface.surface, net._surface.frame)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("appearance", "most"), [(MATT, 0.03), (Appearance(0.4, 1.0), 0.075)])
 def test_pixels_of_thin_rods_are_the_mean_of_finer_ones(appearance: Appearance, most: float):
     rods = []

@@ -42,7 +42,7 @@ def test_the_albedo_lies_on_the_finest_lattice_within_its_bytes_and_is_packed_on
     mesh = replace(cube(), textures=(noise,), face_texture=np.zeros(len(cube().faces), dtype=np.int32))
     stored = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
     frame = UnitFrame.of_points(stored.vertices)
-    pitches = map_sampling.ALBEDO_PITCHES[:4]
+    pitches = tuple(4 * pitch for pitch in map_sampling.ALBEDO_PITCHES[:4])  # coarse ones are packed sooner
     sizes = []
     for pitch in pitches:
         monkeypatch.setattr(map_sampling, "ALBEDO_PITCHES", (pitch,))

@@ -58,6 +58,7 @@ def test_passes_are_those_of_the_truth() -> None:
     assert (rough < 0.02).mean() > 0.97
 
 
+@pytest.mark.slow
 def test_albedo_is_as_fine_as_its_bytes_allow(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = cube()
     plain = TexturedMesh(

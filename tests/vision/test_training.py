@@ -127,11 +127,12 @@ def psnr(truth: np.ndarray, answer: np.ndarray, where: np.ndarray | None = None)
     return float(-10 * np.log10(np.mean(error if where is None else error[where])))
 
 
+@pytest.mark.slow
 # Decibels above the trivial answer within the outline; nearly nothing sets black views apart from one black.
 @pytest.mark.parametrize(("name", "margin_db"), [
     ("a white object", 20),
     ("an object of several components", 10),
-    pytest.param("a black object", 1, marks=pytest.mark.slow),
+    ("a black object", 1),
     pytest.param("a texture of one colour", 10, marks=pytest.mark.release("objectfolder.vision")),
     pytest.param("self-intersecting shells", 10, marks=pytest.mark.release("objectfolder.vision")),
 ])  # fmt: skip
@@ -161,6 +162,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     assert any(one[name].tobytes() != other[name].tobytes() for name in one)
 
 
+@pytest.mark.slow
 def test_a_step_on_another_device_leaves_no_number_on_the_processor():
     case = CASES["an object of several components"]
     rays = trace_training_rays(UnitSurface(case.surface(), FRAME), case.views(4, 1), 4, 400, 0)

@@ -59,6 +59,7 @@ def test_a_lambert_sphere_has_the_analytic_radiance():
     np.testing.assert_allclose(image[inside][:, :3], expected[inside], atol=0.01)
 
 
+@pytest.mark.slow
 def test_creases_of_a_welded_mesh_cast_no_shadow_on_their_own_faces():
     mesh = dataclasses.replace(cube(), textures=(np.array([[[188, 188, 188, 255]]], np.uint8),))
     camera, light = look_at(np.array([[0.0, -2.5, 0.0]])), np.array([[0.1, -0.95, -0.3]])
@@ -73,6 +74,7 @@ def test_creases_of_a_welded_mesh_cast_no_shadow_on_their_own_faces():
     np.testing.assert_allclose(image[4:29, 4:29, 1].astype(float), expected, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_each_face_has_its_texture():
     red, green = (np.full((2, 2, 4), [*c, 255], np.uint8) for c in ([200, 0, 0], [0, 200, 0]))
     mesh = cube()

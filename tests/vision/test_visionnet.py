@@ -18,6 +18,7 @@ from objectfolder.vision.visionnet.fitting import fit_visionnet
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 MATT = Appearance(roughness=0.9, metallic=0.0)
+SLOW_FIXTURES = ("views",)
 TINY = {"steps": 300, "batch_pixels": 512, "grid_resolution": 32}
 
 
