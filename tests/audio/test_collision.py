@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from objectfolder.audio.synthesis import HertzContact
-from objectfolder.audio.synthesis.collision import Collider, Vibrations, collide
-from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.collision import Collider, collide
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
 
@@ -18,13 +18,13 @@ SPEED_M_S = 1.3
 def body(seed: int, modes: int, damping: float) -> Collider:
     random = np.random.default_rng(seed)
     angular = 2 * np.pi * np.sort(random.uniform(1e3, 2e4, modes))
-    return Collider(Vibrations(angular**2, damping * angular), 2.0 * random.standard_normal(modes))
+    return Collider(Oscillators(angular**2, damping * angular, 1.0), 2.0 * random.standard_normal(modes))
 
 
 def integrated(colliders: list[Collider], viscosity_s_m: float, end_s: float) -> tuple[float, np.ndarray]:
     """Impulse, and energies of the modes of each body, a time after the bodies met."""
-    squares = np.concatenate([one.vibrations.eigenvalues for one in colliders])
-    dampings = np.concatenate([one.vibrations.dampings_per_s for one in colliders])
+    squares = np.concatenate([one.modes.eigenvalues for one in colliders])
+    dampings = np.concatenate([one.modes.dampings_per_s for one in colliders])
     gains = np.concatenate([one.gains for one in colliders])
     modes = len(gains)
 
@@ -81,10 +81,10 @@ def test_a_held_force_sounds_in_closed_form_between_its_steps() -> None:
     angular, rate, step_s, ahead = 2 * np.pi * 3000.0, 44100.0, 3e-5, 0.3
     modes = Oscillators(np.array([angular**2]), np.zeros(1), rate)
     bank = Resonators.of(modes, modes.response_weights("displacement"), -220.0)
-    onset, coefficients = bank.onset(np.ones((1, 1)), ForceProfile(step_s, np.ones(7)), ahead, 100)
+    onset, states = bank.onset(np.ones((1, 1)), ForceProfile(step_s, np.ones(7)), ahead, 100)
     sound = np.zeros((1, 30))
     sound[:, : onset.shape[1]] = onset
-    bank.ring(coefficients, sound, onset.shape[1])
+    bank.ring(states, sound, onset.shape[1])
     times = (np.arange(30) + ahead) / rate
     since = np.maximum(times - 7 * step_s, 0.0)
     wanted = (np.cos(angular * since) - np.cos(angular * times)) / angular**2

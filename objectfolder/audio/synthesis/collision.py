@@ -12,15 +12,15 @@ the pair has without modes at that speed.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import HertzContact
 from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.ramps import held_steps
+from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.errors import QueryError
 from objectfolder.jit import inner, relaxed_kernel
 
@@ -29,30 +29,6 @@ Floats = NDArray[np.float64]
 # the former are not more than `MOST_IN_CONTACT`: a very soft contact does not see the highest modes.
 IN_CONTACT, IN_PERIOD, MOST_IN_CONTACT = 100, 8, 1 << 14
 CONTACT_STEPS = 1 << 20
-TABLES_KEPT = 8
-
-
-class Vibrations:
-    """The modes of a body, with tables of the steps that collisions took.
-
-    Parameters
-    ----------
-    eigenvalues, dampings_per_s
-        (modes,) as in `mode_bank`.
-    """
-
-    def __init__(self, eigenvalues: Floats, dampings_per_s: Floats) -> None:
-        self.eigenvalues, self.dampings_per_s = eigenvalues, dampings_per_s
-        self.steps = lru_cache(maxsize=TABLES_KEPT)(self._steps)
-
-    @cached_property
-    def highest_hz(self) -> float:
-        """Of the undamped frequencies; 0 without modes."""
-        return math.sqrt(self.eigenvalues.max(initial=0.0)) / (2 * math.pi)
-
-    def _steps(self, halvings: int) -> Floats:
-        """Return what 2^-halvings s do, see `held_steps`."""
-        return held_steps(Oscillators(self.eigenvalues, self.dampings_per_s, 2.0**halvings))
 
 
 @dataclass(frozen=True)
@@ -61,11 +37,11 @@ class Collider:
 
     Attributes
     ----------
-    vibrations : its modes
+    modes : at any sample rate
     gains : (modes,) how far each mode moves there along the push of the other body, kg^-1/2
     """
 
-    vibrations: Vibrations
+    modes: Oscillators
     gains: Floats
 
 
@@ -126,19 +102,17 @@ def collide(
     (0.03, 1.1)
     """
     alone_s = float(contact.duration_s(speed_m_s))
-    highest_hz = max((collider.vibrations.highest_hz for collider in colliders), default=0.0)
+    eigenvalues = np.concatenate([collider.modes.eigenvalues for collider in colliders] or [np.zeros(0)])
+    gains = np.concatenate([collider.gains for collider in colliders] or [np.zeros(0)])
+    angular = np.sqrt(eigenvalues)
     most_s = alone_s / IN_CONTACT
-    if highest_hz:
-        most_s = min(most_s, max(1 / (IN_PERIOD * highest_hz), alone_s / MOST_IN_CONTACT))
-    halvings = math.ceil(-math.log2(most_s))
-    step_s = 2.0**-halvings
-    tables = [collider.vibrations.steps(halvings) for collider in colliders]
-    steps = np.concatenate(tables, axis=1) if tables else np.zeros((6, 0))
-    gains = np.concatenate([collider.gains for collider in colliders]) if colliders else np.zeros(0)
-    eigenvalues = (
-        np.concatenate([collider.vibrations.eigenvalues for collider in colliders]) if colliders else gains
-    )
-    modes = steps, gains, np.sqrt(eigenvalues)
+    if len(gains):
+        in_period_s = 2 * math.pi / (IN_PERIOD * angular.max())
+        most_s = min(most_s, max(in_period_s, alone_s / MOST_IN_CONTACT))
+    rate_hz = 2.0 ** math.ceil(-math.log2(most_s))
+    step_s = 1 / rate_hz
+    tables = [collider.modes.at_rate(rate_hz).held_steps for collider in colliders]
+    modes = np.concatenate(tables or [np.zeros((6, 0))], axis=1), gains, angular
     motion, forces = np.zeros((4, len(gains))), np.zeros(4 * IN_CONTACT)
     rigid, lost, step_count = np.array([0.0, speed_m_s]), np.zeros(1), 0
     viscosity_s_m = _viscosity(restitution) / speed_m_s
@@ -154,14 +128,10 @@ def collide(
             raise QueryError("contact", finding, "Give a lighter or a harder striker.")
         forces = np.concatenate([forces, np.zeros(len(forces))])
     energies = (motion[3] ** 2 + eigenvalues * motion[2] ** 2) / 2
-    borders = np.cumsum([len(collider.gains) for collider in colliders])[:-1]
-    pressed = np.flatnonzero(forces[:step_count])
-    return Collision(
-        step_s,
-        forces[: pressed[-1] + 1].copy(),
-        float(lost[0]),
-        np.array([part.sum() for part in np.split(energies, borders)]) if colliders else np.zeros(0),
-    )
+    borders = np.cumsum([0, *(len(collider.gains) for collider in colliders)])
+    vibration_j = [energies[begin:end].sum() for begin, end in pairwise(borders)]
+    forces = forces[: np.flatnonzero(forces[:step_count])[-1] + 1].copy()
+    return Collision(step_s, forces, float(lost[0]), np.array(vibration_j))
 
 
 @lru_cache(maxsize=64)

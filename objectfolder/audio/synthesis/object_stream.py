@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.synthesis.collision import Collider
 from objectfolder.audio.synthesis.earlier_forces import earlier_forces
-from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.audio.synthesis.sources import Motion, Source, along
 from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, named_striker
 from objectfolder.audio.synthesis.voices import Voices
@@ -139,7 +139,7 @@ class ObjectStream:
 
     def collider(self, motion: Motion, direction: Floats) -> Collider:
         """Return the object as another body meets it that pushes along a unit vector (3,)."""
-        return Collider(self._body.vibrations, along(direction[None], motion.shapes)[0])
+        return Collider(self._body.modes, along(direction[None], motion.shapes)[0])
 
     def motion(self, place: ClosestPoints) -> Motion:
         """Return how the modes move at a place of the surface."""

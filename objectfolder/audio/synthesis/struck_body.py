@@ -12,10 +12,10 @@ from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.synthesis.air import Air, Listener
 from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
 from objectfolder.audio.synthesis.bank import Pulse as PulseOfRows
-from objectfolder.audio.synthesis.collision import Collider, Vibrations, collide
-from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.collision import Collider, collide
 from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.audio.synthesis.sound import StrikeEnergy
 from objectfolder.audio.synthesis.sources import Motion, Source, along
 from objectfolder.audio.synthesis.support import Support
@@ -218,9 +218,9 @@ class StruckBody:
         return 2 * masses[:, None] * velocities
 
     @cached_property
-    def vibrations(self) -> Vibrations:
-        """Its modes as collisions take them."""
-        return Vibrations(self.eigenvalues, self.dampings_per_s)
+    def modes(self) -> Oscillators:
+        """Its modes as collisions take them, at rates of their own."""
+        return Oscillators(self.eigenvalues, self.dampings_per_s, 1.0)
 
     def collisions(
         self, points: Floats, motion: Motion, impulses: Floats, striker: ContactBody
@@ -237,7 +237,7 @@ class StruckBody:
             direction = impulses[row] / size
             contact = self.contact(striker, points[row], direction)
             speed = float(contact.speed_m_s(size))
-            collider = Collider(self.vibrations, along(direction[None], motion.shapes[row : row + 1])[0])
+            collider = Collider(self.modes, along(direction[None], motion.shapes[row : row + 1])[0])
             collision = collide([collider], contact, speed, striker.restitution)
             profiles.append(collision.profile)
             impulse, vibration = collision.impulse_n_s, float(collision.vibration_j[0])

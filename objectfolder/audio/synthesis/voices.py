@@ -13,12 +13,12 @@ from operator import attrgetter, itemgetter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB
-from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.bank import FLOOR_DB, checked_forces
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.pulses import ForceProfile, course_of
 from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
-from objectfolder.query_values import whole
+from objectfolder.query_values import real_array, whole
 from objectfolder.renaming import renamed_keywords
 
 Floats = NDArray[np.float64]
@@ -30,11 +30,11 @@ START = attrgetter("start")
 
 @dataclass(eq=False)
 class Voice:
-    """A contact not yet over: `onset` (k,) from sample `start` on, then `coefficients` (2, modes)."""
+    """A contact not yet over: `onset` (k,) from sample `start` on, then the state (2, modes)."""
 
     start: int
     onset: Floats
-    coefficients: Floats
+    state: Floats
 
 
 class Voices:
@@ -154,18 +154,14 @@ class Voices:
             Values that are not finite, a time that has passed, or more than `MOST_VOICES` contacts or
             `MOST_ONSET_SAMPLES` samples of contact waiting.
         """
-        gains = np.asarray(amplitudes, dtype=np.float64).reshape(-1)
+        gains = real_array("amplitudes", amplitudes).reshape(-1)
+        if gains.shape != (self._mode_count,):
+            raise QueryError("amplitudes", f"shape {gains.shape}", f"Give ({self._mode_count},).")
         begin, ahead = self._beginning(at)
-        if gains.shape != (self._mode_count,) or not np.isfinite(gains).all():
-            raise QueryError(
-                "amplitudes", f"shape {gains.shape}, or not finite", f"Give ({self._mode_count},)."
-            )
-        lasting_s = pulse_s.duration_s if isinstance(pulse_s, ForceProfile) else pulse_s
-        if lasting_s is not None and not 0 < lasting_s < math.inf:
-            raise QueryError("pulse_s", f"{lasting_s} s", "Give seconds; None for an ideal impulse.")
-        self._make_room((lasting_s or 0) * self._rate)
-        onset, coefficients = self._bank.onset(gains[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
-        insort(self._voices, Voice(begin, onset[0], coefficients[0]), key=START)
+        course = course_of(pulse_s)
+        self._make_room(course.duration_s * self._rate if course else 0)
+        onset, states = self._bank.onset(gains[None, self._columns], course, ahead, MOST_ONSET_SAMPLES)
+        insort(self._voices, Voice(begin, onset[0], states[0]), key=START)
 
     @renamed_keywords(forces="forces_n")
     def push(self, gains: ArrayLike, forces_n: ArrayLike, *, at: int | None = None) -> None:
@@ -180,22 +176,15 @@ class Voices:
         at
             Whole sample at which the first of them acts.
         """
-        fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces_n, dtype=np.float64)
+        fields, pushes = checked_forces(gains, forces_n, self._mode_count)
+        if len(fields) != 1:
+            raise QueryError("gains", f"{len(fields)} contacts", "Add contacts one by one.")
         begin, ahead = self._beginning(at)
         if ahead:
             raise QueryError("at", f"{at}", "Sampled forces begin on a sample.")
-        if pushes.ndim != 2 or fields.shape != (pushes.shape[1], self._mode_count):
-            raise QueryError(
-                "gains, forces_n",
-                f"shapes {fields.shape} and {pushes.shape} for {self._mode_count} modes",
-                "Give (directions, modes) and (k, directions).",
-            )
-        if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
-            raise QueryError("gains, forces_n", "not finite", "Give numbers.")
-        self._make_room(len(pushes))
-        onset = np.zeros(len(pushes))
-        coefficients = self._bank.drive(fields[:, self._columns], pushes, onset)
-        insort(self._voices, Voice(begin, onset, coefficients), key=START)
+        self._make_room(pushes.shape[1])
+        onset, states = self._bank.drive(fields[0][:, self._columns], pushes[0], MOST_ONSET_SAMPLES)
+        insort(self._voices, Voice(begin, onset[0], states[0]), key=START)
 
     def damp(self, added_per_s: Floats) -> None:
         """Let decay rates be larger from now on.
@@ -218,9 +207,11 @@ class Voices:
 
     def amplitudes(self) -> Floats:
         """Envelopes (modes,) of what is heard of each ringing mode now, those that live longest first."""
-        a, b = self._ringing[0]
-        ringing = self._bank.oscillators.discriminants > 0
-        return np.hypot(a, np.where(ringing, b / np.maximum(self._bank.oscillators.roots_per_s, 1e-300), b))
+        modes, weights, (q, v) = self._bank.oscillators, self._bank.weights, self._ringing[0]
+        heard = weights[0] * q + weights[1] * v
+        slope = weights[0] * v - weights[1] * (modes.eigenvalues * q + 2 * modes.dampings_per_s * v)
+        across = (slope + modes.dampings_per_s * heard) / np.maximum(modes.roots_per_s, 1e-300)
+        return np.hypot(heard, np.where(modes.discriminants > 0, across, 0.0))
 
     def block(self, samples: int) -> Floats:
         """Return the next samples (samples,) float64.
@@ -235,7 +226,7 @@ class Voices:
         for end, voice in self._ended(sound[0]):
             if end > begin:
                 self._ring(sound[:, begin:end])
-            self._ringing[0] += self._lost(voice.coefficients, len(voice.onset) / 2)
+            self._ringing[0] += self._lost(voice.state, len(voice.onset) / 2)
             self._age, begin = 0.0, end
         self._ring(sound[:, begin:] if begin else sound)
         self.now += samples
@@ -280,8 +271,8 @@ class Voices:
             self._voices.remove(voice)
         return sorted(ended, key=itemgetter(0))
 
-    def _lost(self, coefficients: Floats, samples: float) -> Floats:
-        """Coefficients (2, modes) without what added damping takes in some samples."""
+    def _lost(self, state: Floats, samples: float) -> Floats:
+        """State (2, modes) without what added damping takes in some samples."""
         if self._added is None:
-            return coefficients
-        return coefficients * np.exp(-self._added * samples / self._rate)
+            return state
+        return state * np.exp(-self._added * samples / self._rate)
