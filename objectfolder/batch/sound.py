@@ -11,10 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
+from objectfolder.audio.synthesis.bank import samples_of
 from objectfolder.audio.synthesis.oscillators import moved
 from objectfolder.audio.synthesis.pulses import course_of
-from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.sources import Source
 from objectfolder.audio.synthesis.struck_body import CONTACT
@@ -146,10 +145,9 @@ class Table:
     """What one source does at each sample after a unit of modal velocity in each of its modes."""
 
     def __init__(self, source: Source, samples: int, pulse_s: float | None, device: torch.device) -> None:
-        delay = source.delay_s * source.oscillators.sample_rate_hz
+        bank, oscillators = source.bank, source.bank.oscillators
+        delay, modes = source.delay_s * oscillators.sample_rate_hz, len(bank)
         self.begin = min(int(np.ceil(delay)), samples)
-        bank = Resonators.of(source.oscillators, source.weights, FLOOR_DB)
-        modes, oscillators = len(bank), bank.oscillators
         ahead = self.begin - delay if self.begin < samples else 0.0
         onset, states = bank.onset(np.eye(modes), course_of(pulse_s), ahead, samples - self.begin)
         self.free = self.begin + onset.shape[1]
@@ -162,7 +160,7 @@ class Table:
         self.onset, self.coarse, self.fine = (
             upload(part, device, np.float32) for part in (onset, coarse, fine)
         )
-        self.columns = upload(source.columns[bank.order], device)
+        self.columns = upload(bank.columns, device)
         self.gains = None if source.gains is None else upload(source.gains, device)
         self.observed = None if source.observed is None else upload(source.observed, device)
 

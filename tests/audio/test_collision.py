@@ -80,7 +80,7 @@ def test_a_held_force_sounds_in_closed_form_between_its_steps() -> None:
     """An undamped mode under 1 N moves about 1 / w^2; samples begin .3 of one after the force."""
     angular, rate, step_s, ahead = 2 * np.pi * 3000.0, 44100.0, 3e-5, 0.3
     modes = Oscillators(np.array([angular**2]), np.zeros(1), rate)
-    bank = Resonators.of(modes, modes.response_weights("displacement"), -220.0)
+    bank = Resonators.of(modes, modes.response_weights("displacement"))
     onset, states = bank.onset(np.ones((1, 1)), ForceProfile(step_s, np.ones(7)), ahead, 100)
     sound = np.zeros((1, 30))
     sound[:, : onset.shape[1]] = onset

@@ -19,14 +19,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.pulses import Course, ForceProfile, HalfSine, course_of
-from objectfolder.audio.synthesis.resonators import Resonators
+from objectfolder.audio.synthesis.resonators import FLOOR_DB, Resonators
 from objectfolder.errors import QueryError
 from objectfolder.renaming import formerly_positional, renamed_keywords
 
 Floats = NDArray[np.float64]
-FLOOR_DB = -220.0
 Pulse = float | Floats | list[ForceProfile] | None  # of half-sines, or a course for each
 BANK_NUMBERS = 1 << 20  # of sound and of coefficients at once
 
@@ -90,39 +88,30 @@ def mode_bank(
     >>> int(abs(np.fft.rfft(tone[0])).argmax())  # hertz
     440
     """
-    oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
+    bank = Resonators.of_modes(eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db)
     gains = np.atleast_2d(np.asarray(amplitudes))
-    if gains.ndim != 2 or gains.shape[1] != len(oscillators):
-        finding = f"shape {gains.shape} for {len(oscillators)} modes"
-        raise QueryError("amplitudes", finding, "Give (n, modes).")
+    if gains.ndim != 2 or gains.shape[1] != bank.width:
+        raise QueryError("amplitudes", f"shape {gains.shape} for {bank.width} modes", "Give (n, modes).")
     sound = sound_array(out, len(gains), samples_of(duration_s, sample_rate_hz))
-    columns = np.flatnonzero(oscillators.audible())
-    sounding = oscillators.take(columns)
-    weights = sounding.response_weights(response)
     pulse = None if pulse_s is None else np.asarray(pulse_s, dtype=np.float64)
-    ring(sounding, weights, gains, sound, columns, pulse=pulse, delay_s=delay_s, floor_db=floor_db)
+    ring(bank, gains, sound, pulse=pulse, delay_s=delay_s)
     return sound
 
 
 def ring(
-    oscillators: Oscillators,
-    weights: tuple[Floats, Floats],
+    bank: Resonators,
     amplitudes: NDArray[np.floating],
     sound: NDArray[np.floating],
-    columns: NDArray[np.int64] | None = None,
     *,
     pulse: Pulse = None,
     delay_s: float = 0.0,
-    floor_db: float = FLOOR_DB,
 ) -> None:
-    """Write the sound of oscillators into `sound`; see `mode_bank`.
+    """Write what contacts sound into `sound`; see `mode_bank`.
 
     Parameters
     ----------
-    weights
-        (modes,) of displacement and velocity in what is heard.
     amplitudes
-        (n, all modes) of which `columns` are those of `oscillators`.
+        (n, width of the bank).
     sound
         (n, samples), overwritten.
     pulse
@@ -131,11 +120,9 @@ def ring(
     courses = _courses(pulse, len(amplitudes))
     if not 0 <= delay_s < math.inf:
         raise QueryError("delay_s", f"{delay_s} s", "Give a delay that is not negative.")
-    columns = np.arange(len(oscillators)) if columns is None else columns
-    bank = Resonators.of(oscillators, weights, floor_db)
-    delay, samples = delay_s * oscillators.sample_rate_hz, sound.shape[1]
-    begin = min(math.ceil(delay), samples)
-    most = max(1, BANK_NUMBERS // max(1, samples - begin + 4 * len(columns)))
+    delay, samples = delay_s * bank.oscillators.sample_rate_hz, sound.shape[1]
+    begin, ahead = min(math.ceil(delay), samples), math.ceil(delay) - delay
+    most = max(1, BANK_NUMBERS // max(1, samples - begin + 4 * len(bank)))
     for rows, course in courses:
         for start in range(0, len(rows), most):
             part = rows[start : start + most]
@@ -143,9 +130,7 @@ def ring(
             chunk = np.asarray(amplitudes[some], dtype=np.float64)
             if not np.isfinite(chunk).all():
                 raise QueryError("amplitudes", "not finite", "Give finite impulses.")
-            onset = bank.onset(
-                chunk[:, columns[bank.order]], course, math.ceil(delay) - delay, samples - begin
-            )
+            onset = bank.onset(chunk[:, bank.columns], course, ahead, samples - begin)
             # Written in place where the kernel can: pages of new memory cost more than the sound.
             in_place = isinstance(some, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
             target = np.asarray(sound[some]) if in_place else np.empty((len(chunk), samples))
@@ -256,22 +241,12 @@ def driven_bank(
     >>> bool((tone[0, :50] == 0).all()), float(tone[0, 51].round(2))
     (True, 1.0)
     """
-    oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-    fields, pushes = checked_forces(gains, forces_n, len(oscillators))
+    bank = Resonators.of_modes(eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db)
+    fields, pushes = checked_forces(gains, forces_n, bank.width)
     if not delay_samples >= 0:
         raise QueryError("delay_samples", f"{delay_samples}", "Give a delay that is not negative.")
     sound = sound_array(out, len(fields), samples_of(duration_s, sample_rate_hz))
-    audible = np.flatnonzero(oscillators.audible())
-    sounding = oscillators.take(audible)
-    drive(
-        sounding,
-        sounding.response_weights(response),
-        fields[:, :, audible],
-        pushes,
-        sound,
-        delay_samples=delay_samples,
-        floor_db=floor_db,
-    )
+    drive(bank, fields, pushes, sound, delay_samples=delay_samples)
     return sound
 
 
@@ -293,18 +268,11 @@ def checked_forces(gains: ArrayLike, forces: ArrayLike, modes: int) -> tuple[Flo
 
 
 def drive(
-    oscillators: Oscillators,
-    weights: tuple[Floats, Floats],
-    gains: Floats,
-    forces: Floats,
-    sound: NDArray[np.floating],
-    *,
-    delay_samples: int = 0,
-    floor_db: float = FLOOR_DB,
+    bank: Resonators, gains: Floats, forces: Floats, sound: NDArray[np.floating], *, delay_samples: int = 0
 ) -> None:
     """Write into `sound` (n, samples) oscillators under forces (n, k, directions); see `driven_bank`."""
-    bank, samples = Resonators.of(oscillators, weights, floor_db), sound.shape[1]
+    samples = sound.shape[1]
     begin, buffer = min(delay_samples, samples), np.empty((1, samples))
-    for row, gain, force in zip(sound, gains[:, :, bank.order], forces, strict=True):
+    for row, gain, force in zip(sound, gains[:, :, bank.columns], forces, strict=True):
         _write(bank, *bank.drive(gain, force, samples - begin), begin, buffer)
         row[:] = buffer[0]

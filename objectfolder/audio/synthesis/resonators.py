@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.synthesis.oscillators import Oscillators, moved
 from objectfolder.audio.synthesis.pulses import Course
@@ -20,6 +20,7 @@ from objectfolder.errors import QueryError
 from objectfolder.jit import relaxed_kernel
 
 Floats = NDArray[np.float64]
+FLOOR_DB = -220.0
 LOWEST_FLOOR_DB = -600.0  # beyond, numbers would leave the range of full precision
 RESONATORS_KEPT = 16
 STRIDE = 64  # the kernel has it as a number
@@ -34,7 +35,8 @@ class Resonators:
     ----------
     oscillators : those that live longest first
     weights : (2, modes) of displacement and velocity in what is heard
-    order : (modes,) their indices among the oscillators given to `of`
+    columns : (modes,) which amplitudes are theirs, of the `width` of a contact
+    width : modes of a contact, those that are not heard included
     lifetimes : (modes,) samples, descending
     table : (modes, 2, 64) what is heard at 0 to 63 samples of a unit of displacement and of velocity
     moves : (65, 4, modes) propagators by 0 to 64 samples
@@ -42,14 +44,27 @@ class Resonators:
 
     oscillators: Oscillators
     weights: Floats
-    order: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    width: int
     lifetimes: Floats
     table: Floats
     moves: Floats
 
     @classmethod
-    def of(cls, oscillators: Oscillators, weights: tuple[Floats, Floats], floor_db: float) -> "Resonators":
+    def of(
+        cls,
+        oscillators: Oscillators,
+        weights: tuple[Floats, Floats],
+        columns: NDArray[np.int64] | None = None,
+        width: int | None = None,
+        floor_db: float = FLOOR_DB,
+    ) -> "Resonators":
         """Return the resonators of oscillators that are dropped `floor_db` below their own start.
+
+        Parameters
+        ----------
+        columns, width
+            Of all modes of a contact those that sound, and their number; all by default.
 
         Raises
         ------
@@ -58,12 +73,37 @@ class Resonators:
         """
         if not LOWEST_FLOOR_DB <= floor_db < 0:
             raise QueryError("floor_db", f"{floor_db} dB", f"Give {LOWEST_FLOOR_DB:g} to below 0.")
-        numbers = oscillators.eigenvalues, oscillators.dampings_per_s, *weights
+        columns = np.arange(len(oscillators)) if columns is None else columns
+        rows = oscillators.eigenvalues, oscillators.dampings_per_s, *weights, columns
+        width = len(oscillators) if width is None else width
         # A query asks for those of the one before it, as a rule.
-        return _resonators(oscillators.sample_rate_hz, floor_db, *(row.tobytes() for row in numbers))
+        return _resonators(oscillators.sample_rate_hz, floor_db, width, *(row.tobytes() for row in rows))
+
+    @classmethod
+    def of_modes(
+        cls,
+        eigenvalues: ArrayLike,
+        dampings_per_s: ArrayLike,
+        sample_rate_hz: float,
+        response: str,
+        floor_db: float,
+        factors: Floats | float = 1.0,
+    ) -> "Resonators":
+        """Return the modes that do not alias, heard by their response times factors (modes,).
+
+        Raises
+        ------
+        QueryError
+            As for `mode_bank`.
+        """
+        oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
+        displacement, velocity = oscillators.response_weights(response)
+        columns = np.flatnonzero(oscillators.audible())
+        weights = (displacement * factors)[columns], (velocity * factors)[columns]
+        return cls.of(oscillators.take(columns), weights, columns, len(oscillators), floor_db)
 
     def __len__(self) -> int:
-        return len(self.order)
+        return len(self.columns)
 
     def damped(self, added_per_s: Floats) -> "Resonators":
         """Return them with larger decay rates, by (modes,), and the same frequencies."""
@@ -132,9 +172,9 @@ class Resonators:
 
 
 @lru_cache(maxsize=RESONATORS_KEPT)
-def _resonators(sample_rate_hz: float, floor_db: float, *rows: bytes) -> Resonators:
-    """Return `Resonators.of` from the bytes of its arrays: eigenvalues, dampings and both weights."""
-    eigenvalues, dampings, of_displacement, of_velocity = (np.frombuffer(row) for row in rows)
+def _resonators(sample_rate_hz: float, floor_db: float, width: int, *rows: bytes) -> Resonators:
+    """Return `Resonators.of` from the bytes of eigenvalues, dampings, both weights and columns."""
+    eigenvalues, dampings, of_displacement, of_velocity = (np.frombuffer(row) for row in rows[:4])
     oscillators = Oscillators(eigenvalues, dampings, sample_rate_hz)
     lifetimes = oscillators.lifetimes(floor_db)
     order = np.argsort(-lifetimes, kind="stable")
@@ -142,7 +182,8 @@ def _resonators(sample_rate_hz: float, floor_db: float, *rows: bytes) -> Resonat
     moves = modes.propagator(np.arange(STRIDE + 1))
     table = np.einsum("im,nijm->mjn", weights, moves[:STRIDE])
     moves = moves.reshape(STRIDE + 1, 4, len(modes))
-    return Resonators(modes, weights, order, lifetimes[order], np.ascontiguousarray(table), moves)
+    columns, table = np.frombuffer(rows[4], dtype=np.int64)[order], np.ascontiguousarray(table)
+    return Resonators(modes, weights, columns, width, lifetimes[order], table, moves)
 
 
 @relaxed_kernel
