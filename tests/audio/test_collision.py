@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from objectfolder.audio.synthesis import HertzContact
 from objectfolder.audio.synthesis.collision import Collider, collide
@@ -10,6 +9,7 @@ from objectfolder.audio.synthesis.oscillators import Oscillators
 from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
+from tests.references.coupled_contact import coupled_contact
 
 CONTACT = HertzContact(modulus_pa=5e10, radius_m=0.01, mass_kg=0.018)
 SPEED_M_S = 1.3
@@ -21,36 +21,13 @@ def body(seed: int, modes: int, damping: float) -> Collider:
     return Collider(Oscillators(angular**2, damping * angular, 1.0), 2.0 * random.standard_normal(modes))
 
 
-def integrated(colliders: list[Collider], viscosity_s_m: float, end_s: float) -> tuple[float, np.ndarray]:
-    """Impulse, and energies of the modes of each body, a time after the bodies met."""
-    squares = np.concatenate([one.modes.eigenvalues for one in colliders])
-    dampings = np.concatenate([one.modes.dampings_per_s for one in colliders])
-    gains = np.concatenate([one.gains for one in colliders])
-    modes = len(gains)
-
-    def rates(_: float, state: np.ndarray) -> np.ndarray:
-        q, v, (near, speed) = state[:modes], state[modes : 2 * modes], state[2 * modes :]
-        approach, closing = near - gains @ q, speed - gains @ v
-        force = CONTACT.stiffness * max(approach, 0.0) ** 1.5 * max(1 + viscosity_s_m * closing, 0.0)
-        pushed = gains * force - 2 * dampings * v - squares * q
-        return np.concatenate([v, pushed, [speed, -force / CONTACT.mass_kg]])
-
-    start = np.append(np.zeros(2 * modes + 1), SPEED_M_S)
-    end = solve_ivp(rates, (0, end_s), start, "DOP853", rtol=1e-8, atol=1e-13, max_step=2e-6).y[:, -1]
-    energies = (end[modes : 2 * modes] ** 2 + squares * end[:modes] ** 2) / 2
-    borders = np.cumsum([len(one.gains) for one in colliders])[:-1]
-    each = np.array([part.sum() for part in np.split(energies, borders)])
-    return CONTACT.mass_kg * (SPEED_M_S - end[-1]), each
-
-
 @pytest.mark.parametrize("restitution", [1.0, 0.6])
 @pytest.mark.parametrize("bodies", [1, 2])
 def test_energy_of_the_modes_is_that_of_a_fine_integration(bodies: int, restitution: float) -> None:
     colliders = [body(seed, 12, 2e-3) for seed in range(bodies)]
     found = collide(colliders, CONTACT, SPEED_M_S, restitution)
-    # From z (1 + e) = log((1 + z) / (1 - e z)), z the viscosity times the speed.
-    viscosity_s_m = {1.0: 0.0, 0.6: 0.97487}[restitution] / SPEED_M_S
-    impulse, energies = integrated(colliders, viscosity_s_m, found.profile.duration_s)
+    end_s = found.profile.duration_s
+    impulse, energies = coupled_contact(colliders, CONTACT, SPEED_M_S, restitution, end_s)
     assert found.impulse_n_s == pytest.approx(impulse, rel=1e-3)
     np.testing.assert_allclose(found.vibration_j, energies, rtol=5e-3)
     assert (found.vibration_j > 0.05 * CONTACT.mass_kg * SPEED_M_S**2 / 2).all()

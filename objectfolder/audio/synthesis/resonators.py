@@ -154,7 +154,8 @@ class Resonators:
         """
         rate_hz, modes = self.oscillators.sample_rate_hz, self.oscillators
         if course is None:
-            states = np.stack([np.zeros_like(amplitudes), amplitudes], axis=1)
+            states = np.zeros((len(amplitudes), 2, len(self)))
+            states[:, 1] = amplitudes
             return amplitudes[:, :0], moved(modes.propagator([ahead])[0], states) if ahead else states
         lasting = course.duration_s * rate_hz
         during = min(max(0, math.ceil(lasting - ahead)), most)
