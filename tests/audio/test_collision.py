@@ -39,7 +39,6 @@ def test_no_energy_comes_or_goes_without_damping() -> None:
     parting_m_s = SPEED_M_S - found.impulse_n_s / CONTACT.mass_kg
     after = CONTACT.mass_kg * parting_m_s**2 / 2 + found.vibration_j.sum()
     assert after == pytest.approx(before, rel=1e-12)
-    assert abs(found.lost_j) < 1e-12 * before
 
 
 def test_rigid_bodies_part_as_the_restitution_says() -> None:
@@ -47,8 +46,6 @@ def test_rigid_bodies_part_as_the_restitution_says() -> None:
         found = collide([], CONTACT, SPEED_M_S, restitution)
         impulse = (1 + restitution) * CONTACT.mass_kg * SPEED_M_S
         assert found.impulse_n_s == pytest.approx(impulse, rel=1e-4)
-        lost = (1 - restitution**2) * CONTACT.mass_kg * SPEED_M_S**2 / 2
-        assert found.lost_j == pytest.approx(lost, rel=1e-3, abs=1e-15)
     with pytest.raises(QueryError, match="restitution"):
         collide([], CONTACT, SPEED_M_S, 0.0)
 
