@@ -21,7 +21,7 @@ MODES = st.integers(1, 12)
 def modes(count: int, seed: int, highest_hz: float = 21000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)
     eigenvalues = (2 * np.pi * random.uniform(50, highest_hz, count)) ** 2
-    return eigenvalues, random.uniform(0, 500, count), random.normal(size=(3, count))
+    return eigenvalues, random.uniform(0, 300, count), random.normal(size=(3, count))
 
 
 def ceramic(count: int, highest_hz: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -130,7 +130,7 @@ def ring(
             chunk = np.asarray(amplitudes[some], dtype=np.float64)
             if not np.isfinite(chunk).all():
                 raise QueryError("amplitudes", "not finite", "Give finite impulses.")
-            onset = bank.onset(chunk[:, bank.columns], course, ahead, samples - begin)
+            onset = bank.onset(chunk.take(bank.columns, axis=1), course, ahead, samples - begin)
             # Written in place where the kernel can: pages of new memory cost more than the sound.
             in_place = isinstance(some, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
             target = np.asarray(sound[some]) if in_place else np.empty((len(chunk), samples))

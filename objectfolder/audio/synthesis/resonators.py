@@ -160,16 +160,17 @@ class Resonators:
         lasting = course.duration_s * rate_hz
         during = min(max(0, math.ceil(lasting - ahead)), most)
         sound = np.empty((len(amplitudes), during))
-        for start in range(0, during, ONSET_STATES):
+        for start in range(0, max(during, 1), ONSET_STATES):
             samples = np.arange(start, min(start + ONSET_STATES, during))
-            states, _ = course.motion(modes, (samples + ahead) / rate_hz)
-            # A product of each row has the same bits whatever the other rows are.
-            heard = np.einsum("im,nim->mn", self.weights, states)
-            sound[:, samples] = np.matmul(amplitudes[:, None], heard)[:, 0]
-        (end,), free = course.motion(modes, np.array([course.duration_s]))
+            times_s = np.append((samples + ahead) / rate_hz, course.duration_s)
+            states, free = course.motion(modes, times_s)
+            heard = np.einsum("im,nim->mn", self.weights, states[:-1])
+            # Row by row: a row has the same bits whatever the others are.
+            for row, amplitude in zip(sound, amplitudes, strict=True):
+                row[samples] = amplitude @ heard
         to_sample, to_end, after = modes.propagator([ahead, lasting, max(0.0, during + ahead - lasting)])
         self.ring(amplitudes[:, None] * moved(to_sample, free), sound)
-        return sound, amplitudes[:, None] * moved(after, end + moved(to_end, free))
+        return sound, amplitudes[:, None] * moved(after, states[-1] + moved(to_end, free))
 
 
 @lru_cache(maxsize=RESONATORS_KEPT)
@@ -179,7 +180,7 @@ def _resonators(sample_rate_hz: float, floor_db: float, width: int, *rows: bytes
     oscillators = Oscillators(eigenvalues, dampings, sample_rate_hz)
     lifetimes = oscillators.lifetimes(floor_db)
     order = np.argsort(-lifetimes, kind="stable")
-    modes, weights = oscillators.take(order), np.array([of_displacement, of_velocity])[:, order]
+    modes, weights = oscillators.take(order), np.array([of_displacement, of_velocity]).take(order, axis=1)
     moves = modes.propagator(np.arange(STRIDE + 1))
     table = np.einsum("im,nijm->mjn", weights, moves[:STRIDE])
     moves = moves.reshape(STRIDE + 1, 4, len(modes))
