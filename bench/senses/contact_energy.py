@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record import arguments, conclude, cpu_seconds, kept
+from bench.record import arguments, conclude, kept
 from bench.senses.air import starter_set
 from objectfolder.audio.damping import damping_of
 from objectfolder.audio.synthesis.collision import Collider, collide
@@ -65,9 +65,7 @@ def struck(body: StruckBody, points: Floats, motion: Motion, striker: ContactBod
     """Energies that a striker leaves, and the differences of the modes' from the integration."""
     directions = -motion.normals()
     impulses = body.passed_on(points, SPEED_M_S * directions, striker)
-    begin = cpu_seconds()
     energy = body.collisions(points, motion, impulses, striker).energy_j
-    spent = cpu_seconds() - begin
     off = []
     for row in range(REFERENCE_POINTS):
         if energy.vibration[row] > LEAST_SHARE * energy.striker[row]:
@@ -82,7 +80,6 @@ def struck(body: StruckBody, points: Floats, motion: Motion, striker: ContactBod
         "left_most": float(left.max()),
         "modal_share_median": float(np.median(energy.vibration / energy.striker)),
         "modal_share_off": off,
-        "cpu_ms_each": 1e3 * spent / len(points),
     }
 
 
