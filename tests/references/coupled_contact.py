@@ -30,9 +30,9 @@ def coupled_contact(
     colliders: Sequence[Collider], contact: HertzContact, speed_m_s: float, restitution: float, end_s: float
 ) -> tuple[float, Floats]:
     """Impulse, and energies of the modes of each body, a time after the bodies met."""
-    squares = np.concatenate([one.modes.eigenvalues for one in colliders])
-    dampings = np.concatenate([one.modes.dampings_per_s for one in colliders])
-    gains = np.concatenate([one.gains for one in colliders])
+    squares = np.concatenate([collider.modes.eigenvalues for collider in colliders])
+    dampings = np.concatenate([collider.modes.dampings_per_s for collider in colliders])
+    gains = np.concatenate([collider.gains for collider in colliders])
     modes, loss_s_m = len(gains), viscosity_s_m(restitution, speed_m_s)
 
     def rates(_: float, state: Floats) -> Floats:
@@ -46,6 +46,6 @@ def coupled_contact(
     tolerances = {"rtol": 1e-8, "atol": 1e-13, "max_step": LONGEST_STEP_S}
     end = solve_ivp(rates, (0, end_s), start, "DOP853", **tolerances).y[:, -1]
     energies = (end[modes : 2 * modes] ** 2 + squares * end[:modes] ** 2) / 2
-    borders = np.cumsum([len(one.gains) for one in colliders])[:-1]
+    borders = np.cumsum([len(collider.gains) for collider in colliders])[:-1]
     each = np.array([part.sum() for part in np.split(energies, borders)])
     return contact.mass_kg * (speed_m_s - end[-1]), each
