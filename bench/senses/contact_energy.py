@@ -21,7 +21,7 @@ from objectfolder.audio.synthesis.collision import Collider, collide
 from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody
 from objectfolder.audio.synthesis.sources import Motion, along
 from objectfolder.audio.synthesis.struck_body import RigidBody, StruckBody
-from objectfolder.mesh.body import solid_properties
+from objectfolder.surface.integrals import solid_properties
 from tests.references.coupled_contact import coupled_contact
 from tests.references.free_modes import FreeModes
 
