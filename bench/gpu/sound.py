@@ -42,6 +42,7 @@ def sound(run: Run) -> dict[str, Any]:
 def hundred_modes(run: Run) -> dict[str, Any]:
     """Strikes a second of one second of a hundred modes, the product alone."""
     from objectfolder.audio.synthesis.oscillators import Oscillators
+    from objectfolder.audio.synthesis.resonators import Resonators
     from objectfolder.audio.synthesis.sources import Source
     from objectfolder.batch.sound import Table, full_precision, write
 
@@ -50,7 +51,7 @@ def hundred_modes(run: Run) -> dict[str, Any]:
     omega = 2 * np.pi * np.sort(random.uniform(300, 18000, modes))
     oscillators = Oscillators.checked(omega**2, random.uniform(5, 80, modes), 44100)
     still = np.zeros(modes)
-    source = Source(oscillators, (still, still + 1), np.arange(modes), still + 1, None, 0.0)
+    source = Source(Resonators.of(oscillators, (still, still + 1)), still + 1, None, 0.0)
     table = Table(source, 44100, None, run.torch.device(run.device))
     count = run.batches[-1]
     place = run.torch.as_tensor

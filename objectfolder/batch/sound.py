@@ -11,8 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
-from objectfolder.audio.synthesis.resonators import Resonators
+from objectfolder.audio.synthesis.bank import samples_of
+from objectfolder.audio.synthesis.oscillators import moved
+from objectfolder.audio.synthesis.pulses import course_of
 from objectfolder.audio.synthesis.sound_queries import SoundQueries
 from objectfolder.audio.synthesis.sources import Source
 from objectfolder.audio.synthesis.struck_body import CONTACT
@@ -144,23 +145,22 @@ class Table:
     """What one source does at each sample after a unit of modal velocity in each of its modes."""
 
     def __init__(self, source: Source, samples: int, pulse_s: float | None, device: torch.device) -> None:
-        delay = source.delay_s * source.oscillators.sample_rate_hz
+        bank, oscillators = source.bank, source.bank.oscillators
+        delay, modes = source.delay_s * oscillators.sample_rate_hz, len(bank)
         self.begin = min(int(np.ceil(delay)), samples)
-        bank = Resonators.of(source.oscillators, source.weights, FLOOR_DB)
-        modes, oscillators = len(bank), bank.oscillators
         ahead = self.begin - delay if self.begin < samples else 0.0
-        onset, coefficients = bank.onset(np.eye(modes), pulse_s, ahead, samples - self.begin)
+        onset, states = bank.onset(np.eye(modes), course_of(pulse_s), ahead, samples - self.begin)
         self.free = self.begin + onset.shape[1]
-        first, second = np.diagonal(coefficients, axis1=0, axis2=2)
+        state = np.diagonal(states, axis1=0, axis2=2)
         block = min(max(16, 16 * (math.isqrt(max(samples - self.begin - 1, 0)) // 8)), LONGEST_BLOCK)
         blocks = -(-(samples - self.free) // block)
-        matrix = oscillators.shift_matrix(oscillators.basis(block * np.arange(blocks)))
-        coarse = _interleaved(matrix[0] * first + matrix[1] * second, matrix[2] * first + matrix[3] * second)
-        fine = _interleaved(*oscillators.basis(np.arange(block))).T
+        coarse = _interleaved(moved(oscillators.propagator(block * np.arange(blocks)), state))
+        heard = bank.weights[:, None] * oscillators.propagator(np.arange(block))
+        fine = _interleaved(heard.sum(axis=1)).T
         self.onset, self.coarse, self.fine = (
             upload(part, device, np.float32) for part in (onset, coarse, fine)
         )
-        self.columns = upload(source.columns[bank.order], device)
+        self.columns = upload(bank.columns, device)
         self.gains = None if source.gains is None else upload(source.gains, device)
         self.observed = None if source.observed is None else upload(source.observed, device)
 
@@ -198,9 +198,9 @@ def write(
             sound[rows[part]] = target
 
 
-def _interleaved(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Two (n, modes) as one (n, 2 modes), mode by mode."""
-    return np.stack([first, second], axis=2).reshape(len(first), -1)
+def _interleaved(rows: np.ndarray) -> np.ndarray:
+    """Two a mode, (n, 2, modes), as (n, 2 modes), mode by mode."""
+    return rows.swapaxes(1, 2).reshape(len(rows), -1)
 
 
 def _covariance(a: Tensor, b: Tensor) -> Tensor:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.collision import collide
-from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import LEAST_RESTITUTION, HertzContact
+from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.audio.synthesis.roughness import LENGTH_M, RoughProfile
 from objectfolder.errors import QueryError
 from objectfolder.forks import hold_forks

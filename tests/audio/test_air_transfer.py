@@ -431,7 +431,7 @@ def test_inaudible_modes_are_skipped(radiation):
     weak = replace(radiation, multipoles=radiation.multipoles * np.array([1, 1, 1e-6])[:, None])
     transfer = AirTransfer.of(weak)
     surface, _ = next(struck(transfer).channels(44100.0, "contact", np.array([[1.0, 0.0, 0.0]])))
-    assert surface.columns.tolist() == [1]
+    assert surface.bank.columns.tolist() == [1]
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from scipy.special import spherical_jn, spherical_yn
 
 from objectfolder.audio.synthesis.air import Air, Listener, quadrupole_efficiency
 from objectfolder.audio.synthesis.bank import drive, ring
+from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.errors import QueryError
 
 AIR = Air()
@@ -17,9 +18,13 @@ def hankel(order: int, x: np.ndarray, derivative: bool = False) -> np.ndarray:
 
 
 def click(listener: Listener, impulse: np.ndarray, mass: float, pulse: float | None, rate: float, n: int):
-    oscillator, weights = listener.click_oscillator(rate)
     sound = np.empty((1, n))
-    ring(oscillator, weights, impulse[None] @ listener.click_gains(mass), sound, pulse=pulse)
+    ring(
+        Resonators.of(*listener.click_oscillator(rate)),
+        impulse[None] @ listener.click_gains(mass),
+        sound,
+        pulse=pulse,
+    )
     return sound[0]
 
 
@@ -100,9 +105,10 @@ def test_a_sampled_force_clicks_like_the_pulse_it_samples() -> None:
     pulse, rate, impulse = 1e-3, 192000, np.array([0.0, 0.002, 0.01])
     times = np.arange(round(pulse * rate) + 1) / rate
     force = np.pi / (2 * pulse) * np.sin(np.pi * times / pulse)[:, None] * impulse
-    oscillator, weights = listener.click_oscillator(rate)
     sound = np.empty((1, 1000))
-    drive(oscillator, weights, listener.click_gains(0.004)[None], force[None], sound)
+    drive(
+        Resonators.of(*listener.click_oscillator(rate)), listener.click_gains(0.004)[None], force[None], sound
+    )
     expected = click(listener, impulse, 0.004, pulse, rate, 1000)
     np.testing.assert_allclose(sound[0], expected, atol=1e-3 * np.abs(expected).max())
 

@@ -21,7 +21,7 @@ MODES = st.integers(1, 12)
 def modes(count: int, seed: int, highest_hz: float = 21000) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)
     eigenvalues = (2 * np.pi * random.uniform(50, highest_hz, count)) ** 2
-    return eigenvalues, random.uniform(0, 500, count), random.normal(size=(3, count))
+    return eigenvalues, random.uniform(0, 300, count), random.normal(size=(3, count))
 
 
 def ceramic(count: int, highest_hz: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -64,8 +64,8 @@ def test_phase_is_kept_for_an_hour_at_20_khz() -> None:
     eigenvalue = np.array([(2 * np.pi * 20000.0) ** 2])
     oscillators = Oscillators.checked(eigenvalue, [0.0], 48000)
     late = np.array([samples - 2, samples - 1, samples])
-    cosine, _ = oscillators.basis(late)
-    for value, sample in zip(cosine[:, 0], late, strict=True):
+    velocities = oscillators.propagator(late)[:, 1, 1, 0]
+    for value, sample in zip(velocities, late, strict=True):
         assert abs(value - sound_at(eigenvalue, np.zeros(1), np.ones(1), sample, 48000)) < 2e-7
 
 
@@ -77,7 +77,7 @@ def test_critically_damped_and_over_damped_modes(subtests: pytest.Subtests) -> N
         (1 + 1e-9, 1e-10),
         (1 - 1e-9, 1e-10),
         (1.05, 1e-10),
-        (1.1547, 1e-10),  # either side of where the basis changes
+        (1.1547, 1e-10),
         (1.1548, 1e-10),
         (3.0, 1e-10),
         (1e4, 1e-10),

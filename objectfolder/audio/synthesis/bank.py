@@ -15,20 +15,17 @@ Under forces given as samples the bank is exact for the force that is linear bet
 """
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.force_profile import ForceProfile
-from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.resonators import Resonators
+from objectfolder.audio.synthesis.pulses import Course, ForceProfile, HalfSine, course_of
+from objectfolder.audio.synthesis.resonators import FLOOR_DB, Resonators
 from objectfolder.errors import QueryError
 from objectfolder.renaming import formerly_positional, renamed_keywords
 
 Floats = NDArray[np.float64]
-FLOOR_DB = -220.0
-Pulse = float | ArrayLike | list[ForceProfile] | None
+Pulse = float | Floats | list[ForceProfile] | None  # of half-sines, or a course for each
 BANK_NUMBERS = 1 << 20  # of sound and of coefficients at once
 
 
@@ -91,67 +88,62 @@ def mode_bank(
     >>> int(abs(np.fft.rfft(tone[0])).argmax())  # hertz
     440
     """
-    oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
+    bank = Resonators.of_modes(eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db)
     gains = np.atleast_2d(np.asarray(amplitudes))
-    if gains.ndim != 2 or gains.shape[1] != len(oscillators):
-        finding = f"shape {gains.shape} for {len(oscillators)} modes"
-        raise QueryError("amplitudes", finding, "Give (n, modes).")
-    durations = _durations(pulse_s, len(gains))
+    if gains.ndim != 2 or gains.shape[1] != bank.width:
+        raise QueryError("amplitudes", f"shape {gains.shape} for {bank.width} modes", "Give (n, modes).")
     sound = sound_array(out, len(gains), samples_of(duration_s, sample_rate_hz))
-    columns = np.flatnonzero(oscillators.audible())
-    sounding = oscillators.take(columns)
-    weights = sounding.response_weights(response)
-    ring(sounding, weights, gains, sound, columns, pulse=durations, delay_s=delay_s, floor_db=floor_db)
+    pulse = None if pulse_s is None else np.asarray(pulse_s, dtype=np.float64)
+    ring(bank, gains, sound, pulse=pulse, delay_s=delay_s)
     return sound
 
 
 def ring(
-    oscillators: Oscillators,
-    weights: tuple[Floats, Floats],
+    bank: Resonators,
     amplitudes: NDArray[np.floating],
     sound: NDArray[np.floating],
-    columns: NDArray[np.int64] | None = None,
     *,
     pulse: Pulse = None,
     delay_s: float = 0.0,
-    floor_db: float = FLOOR_DB,
 ) -> None:
-    """Write the sound of oscillators into `sound`; see `mode_bank`.
+    """Write what contacts sound into `sound`; see `mode_bank`.
 
     Parameters
     ----------
-    weights
-        (modes,) of displacement and velocity in what is heard.
     amplitudes
-        (n, all modes) of which `columns` are those of `oscillators`.
+        (n, width of the bank).
     sound
         (n, samples), overwritten.
     pulse
         Durations of half-sines, or a course of force for each.
     """
-    pulses = pulse if isinstance(pulse, list) else _durations(pulse, len(amplitudes))
-    if not (math.isfinite(delay_s) and delay_s >= 0):
+    courses = _courses(pulse, len(amplitudes))
+    if not 0 <= delay_s < math.inf:
         raise QueryError("delay_s", f"{delay_s} s", "Give a delay that is not negative.")
-    columns = np.arange(len(oscillators)) if columns is None else columns
-    bank = Resonators.of(oscillators, weights, floor_db)
-    columns = columns[bank.order]
-    delay = delay_s * oscillators.sample_rate_hz
-    begin = min(math.ceil(delay), sound.shape[1])
-    samples = sound.shape[1] - begin
-    most = max(1, BANK_NUMBERS // max(1, samples + 4 * len(columns)))
-    for rows, common in _groups(pulses, len(amplitudes), most):
-        chunk = np.asarray(amplitudes[rows], dtype=np.float64)
-        if not np.isfinite(chunk).all():
-            raise QueryError("amplitudes", "not finite", "Give finite impulses.")
-        onset, coefficients = bank.onset(chunk[:, columns], common, math.ceil(delay) - delay, samples)
-        # Written in place where the kernel can: pages of new memory cost more than the sound.
-        in_place = isinstance(rows, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
-        target = np.asarray(sound[rows]) if in_place else np.empty((len(chunk), sound.shape[1]))
-        free = begin + onset.shape[1]
-        target[:, :begin], target[:, begin:free], target[:, free:] = 0, onset, 0
-        bank.ring(coefficients, target, free)
-        if not in_place:
-            sound[rows] = target
+    delay, samples = delay_s * bank.oscillators.sample_rate_hz, sound.shape[1]
+    begin, ahead = min(math.ceil(delay), samples), math.ceil(delay) - delay
+    most = max(1, BANK_NUMBERS // max(1, samples - begin + 4 * len(bank)))
+    for rows, course in courses:
+        for start in range(0, len(rows), most):
+            part = rows[start : start + most]
+            some = slice(part[0], part[-1] + 1) if part[-1] - part[0] < len(part) else part
+            chunk = np.asarray(amplitudes[some], dtype=np.float64)
+            if not np.isfinite(chunk).all():
+                raise QueryError("amplitudes", "not finite", "Give finite impulses.")
+            onset = bank.onset(chunk.take(bank.columns, axis=1), course, ahead, samples - begin)
+            # Written in place where the kernel can: pages of new memory cost more than the sound.
+            in_place = isinstance(some, slice) and sound.dtype == np.float64 and sound.flags.c_contiguous
+            target = np.asarray(sound[some]) if in_place else np.empty((len(chunk), samples))
+            _write(bank, *onset, begin, target)
+            if not in_place:
+                sound[some] = target
+
+
+def _write(bank: Resonators, onset: Floats, states: Floats, begin: int, sound: Floats) -> None:
+    """Write onsets from a sample on, and what rings after them."""
+    free = begin + onset.shape[1]
+    sound[:, :begin], sound[:, begin:free], sound[:, free:] = 0, onset, 0
+    bank.ring(states, sound, free)
 
 
 def samples_of(duration_s: float, sample_rate_hz: float) -> int:
@@ -184,36 +176,21 @@ def sound_array(out: NDArray[np.floating] | None, contacts: int, samples: int) -
     return out
 
 
-def _durations(pulse_s: float | ArrayLike | None, contacts: int) -> Floats | None:
-    """Return the duration of each pulse (contacts,), None for ideal impulses."""
-    if pulse_s is None:
-        return None
-    pulses = np.asarray(pulse_s, dtype=np.float64)
-    if pulses.shape not in ((), (1,), (contacts,)):
-        raise QueryError("pulse_s", f"shape {pulses.shape} for {contacts} contacts", "Give one or one each.")
-    if not (np.isfinite(pulses).all() and (pulses > 0).all()):
-        raise QueryError("pulse_s", "not positive or not finite", "Give seconds; None for an ideal impulse.")
-    return np.array(np.broadcast_to(pulses.reshape(-1), (contacts,)), dtype=np.float64)
-
-
-def _groups(
-    durations: Floats | list[ForceProfile] | None, contacts: int, most: int
-) -> Iterator[tuple[slice | NDArray[np.int64], float | ForceProfile | None]]:
-    """Rows of contacts with pulses of one course, at most `most` at a time."""
-    if isinstance(durations, list):
-        yield from ((slice(row, row + 1), profile) for row, profile in enumerate(durations))
-        return
-    if durations is None or len(durations) == 0 or (durations == durations[0]).all():
-        count = contacts if durations is None else len(durations)
-        common = None if durations is None or len(durations) == 0 else float(durations[0])
-        for start in range(0, count, most):
-            yield slice(start, min(start + most, count)), common
-        return
+def _courses(pulse: Pulse, contacts: int) -> list[tuple[NDArray[np.int64], Course]]:
+    """Rows of contacts, ascending, with forces of one course each."""
+    every = np.arange(contacts)
+    if isinstance(pulse, list):
+        return list(zip(every[:, None], pulse, strict=True))
+    durations = np.asarray(pulse, dtype=np.float64)
+    if pulse is None or durations.shape in ((), (1,)):
+        return [(every, None if pulse is None else course_of(durations.item()))]
+    if durations.shape != (contacts,):
+        raise QueryError(
+            "pulse_s", f"shape {durations.shape} for {contacts} contacts", "Give one or one each."
+        )
     order = np.argsort(durations, kind="stable")
-    borders = np.flatnonzero(np.diff(durations[order])) + 1
-    for rows in np.split(order, borders):
-        for start in range(0, len(rows), most):
-            yield rows[start : start + most], float(durations[rows[0]])
+    groups = np.split(order, np.flatnonzero(np.diff(durations[order])) + 1)
+    return [(rows, HalfSine(float(durations[rows[0]]))) for rows in groups]
 
 
 @renamed_keywords(forces="forces_n")
@@ -264,26 +241,16 @@ def driven_bank(
     >>> bool((tone[0, :50] == 0).all()), float(tone[0, 51].round(2))
     (True, 1.0)
     """
-    oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-    fields, pushes = _checked(gains, forces_n, len(oscillators))
+    bank = Resonators.of_modes(eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db)
+    fields, pushes = checked_forces(gains, forces_n, bank.width)
     if not delay_samples >= 0:
         raise QueryError("delay_samples", f"{delay_samples}", "Give a delay that is not negative.")
     sound = sound_array(out, len(fields), samples_of(duration_s, sample_rate_hz))
-    audible = np.flatnonzero(oscillators.audible())
-    sounding = oscillators.take(audible)
-    drive(
-        sounding,
-        sounding.response_weights(response),
-        fields[:, :, audible],
-        pushes,
-        sound,
-        delay_samples=delay_samples,
-        floor_db=floor_db,
-    )
+    drive(bank, fields, pushes, sound, delay_samples=delay_samples)
     return sound
 
 
-def _checked(gains: ArrayLike, forces: ArrayLike, modes: int) -> tuple[Floats, Floats]:
+def checked_forces(gains: ArrayLike, forces: ArrayLike, modes: int) -> tuple[Floats, Floats]:
     """Gains (n, directions, modes) and forces (n, k, directions) that agree."""
     fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces, dtype=np.float64)
     fields = fields[None] if fields.ndim == 2 else fields
@@ -301,22 +268,11 @@ def _checked(gains: ArrayLike, forces: ArrayLike, modes: int) -> tuple[Floats, F
 
 
 def drive(
-    oscillators: Oscillators,
-    weights: tuple[Floats, Floats],
-    gains: Floats,
-    forces: Floats,
-    sound: NDArray[np.floating],
-    *,
-    delay_samples: int = 0,
-    floor_db: float = FLOOR_DB,
+    bank: Resonators, gains: Floats, forces: Floats, sound: NDArray[np.floating], *, delay_samples: int = 0
 ) -> None:
     """Write into `sound` (n, samples) oscillators under forces (n, k, directions); see `driven_bank`."""
-    bank = Resonators.of(oscillators, weights, floor_db)
-    # Forces that end after the sound are not needed to their end.
-    during = min(forces.shape[1], max(sound.shape[1] - delay_samples, 0))
-    buffer = np.empty((1, sound.shape[1]))
-    for row, gain, force in zip(sound, gains[:, :, bank.order], forces, strict=True):
-        buffer[:] = 0
-        coefficients = bank.drive(gain, force, buffer[0, delay_samples : delay_samples + during])
-        bank.ring(coefficients[None], buffer, min(delay_samples + during, buffer.shape[1]))
+    samples = sound.shape[1]
+    begin, buffer = min(delay_samples, samples), np.empty((1, samples))
+    for row, gain, force in zip(sound, gains[:, :, bank.columns], forces, strict=True):
+        _write(bank, *bank.drive(gain, force, samples - begin), begin, buffer)
         row[:] = buffer[0]

@@ -12,15 +12,15 @@ the pair has without modes at that speed.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import HertzContact
 from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.ramps import held_steps
+from objectfolder.audio.synthesis.pulses import ForceProfile
 from objectfolder.errors import QueryError
 from objectfolder.jit import inner, relaxed_kernel
 
@@ -29,30 +29,6 @@ Floats = NDArray[np.float64]
 # the former are not more than `MOST_IN_CONTACT`: a very soft contact does not see the highest modes.
 IN_CONTACT, IN_PERIOD, MOST_IN_CONTACT = 100, 8, 1 << 14
 CONTACT_STEPS = 1 << 20
-TABLES_KEPT = 8
-
-
-class Vibrations:
-    """The modes of a body, with tables of the steps that collisions took.
-
-    Parameters
-    ----------
-    eigenvalues, dampings_per_s
-        (modes,) as in `mode_bank`.
-    """
-
-    def __init__(self, eigenvalues: Floats, dampings_per_s: Floats) -> None:
-        self.eigenvalues, self.dampings_per_s = eigenvalues, dampings_per_s
-        self.steps = lru_cache(maxsize=TABLES_KEPT)(self._steps)
-
-    @cached_property
-    def highest_hz(self) -> float:
-        """Of the undamped frequencies; 0 without modes."""
-        return math.sqrt(self.eigenvalues.max(initial=0.0)) / (2 * math.pi)
-
-    def _steps(self, halvings: int) -> Floats:
-        """Return what 2^-halvings s do, see `held_steps`."""
-        return held_steps(Oscillators(self.eigenvalues, self.dampings_per_s, 2.0**halvings))
 
 
 @dataclass(frozen=True)
@@ -61,11 +37,11 @@ class Collider:
 
     Attributes
     ----------
-    vibrations : its modes
+    modes : at any sample rate
     gains : (modes,) how far each mode moves there along the push of the other body, kg^-1/2
     """
 
-    vibrations: Vibrations
+    modes: Oscillators
     gains: Floats
 
 
@@ -77,13 +53,11 @@ class Collision:
     ----------
     step_s : over which the force is constant
     forces_n : (k,) from first to last contact
-    lost_j : to the contact itself
     vibration_j : (colliders,) of the modes when they part
     """
 
     step_s: float
     forces_n: Floats
-    lost_j: float
     vibration_j: Floats
 
     @property
@@ -126,42 +100,27 @@ def collide(
     (0.03, 1.1)
     """
     alone_s = float(contact.duration_s(speed_m_s))
-    highest_hz = max((collider.vibrations.highest_hz for collider in colliders), default=0.0)
+    eigenvalues = np.concatenate([collider.modes.eigenvalues for collider in colliders] or [np.zeros(0)])
+    gains = np.concatenate([collider.gains for collider in colliders] or [np.zeros(0)])
+    angular = np.sqrt(eigenvalues)
     most_s = alone_s / IN_CONTACT
-    if highest_hz:
-        most_s = min(most_s, max(1 / (IN_PERIOD * highest_hz), alone_s / MOST_IN_CONTACT))
-    halvings = math.ceil(-math.log2(most_s))
-    step_s = 2.0**-halvings
-    tables = [collider.vibrations.steps(halvings) for collider in colliders]
-    steps = np.concatenate(tables, axis=1) if tables else np.zeros((6, 0))
-    gains = np.concatenate([collider.gains for collider in colliders]) if colliders else np.zeros(0)
-    eigenvalues = (
-        np.concatenate([collider.vibrations.eigenvalues for collider in colliders]) if colliders else gains
-    )
-    modes = steps, gains, np.sqrt(eigenvalues)
-    motion, forces = np.zeros((4, len(gains))), np.zeros(4 * IN_CONTACT)
-    rigid, lost, step_count = np.array([0.0, speed_m_s]), np.zeros(1), 0
-    viscosity_s_m = _viscosity(restitution) / speed_m_s
-    while True:
-        step_count = _collide(
-            modes, (1 / contact.mass_kg, contact.stiffness, viscosity_s_m), step_s,
-            (motion, rigid, forces, lost), step_count,
-        )  # fmt: skip
-        if step_count < len(forces):
-            break
-        if step_count >= CONTACT_STEPS:
-            finding = f"the bodies have not parted after {step_s * step_count:g} s"
-            raise QueryError("contact", finding, "Give a lighter or a harder striker.")
-        forces = np.concatenate([forces, np.zeros(len(forces))])
-    energies = (motion[3] ** 2 + eigenvalues * motion[2] ** 2) / 2
-    borders = np.cumsum([len(collider.gains) for collider in colliders])[:-1]
-    pressed = np.flatnonzero(forces[:step_count])
-    return Collision(
-        step_s,
-        forces[: pressed[-1] + 1].copy(),
-        float(lost[0]),
-        np.array([part.sum() for part in np.split(energies, borders)]) if colliders else np.zeros(0),
-    )
+    if len(gains):
+        in_period_s = 2 * math.pi / (IN_PERIOD * angular.max())
+        most_s = min(most_s, max(in_period_s, alone_s / MOST_IN_CONTACT))
+    rate_hz = 2.0 ** math.ceil(-math.log2(most_s))
+    step_s = 1 / rate_hz
+    tables = [collider.modes.at_rate(rate_hz).held_steps for collider in colliders]
+    modes = np.concatenate(tables or [np.zeros((6, 0))], axis=1), gains, angular
+    spring = 1 / contact.mass_kg, contact.stiffness, _viscosity(restitution) / speed_m_s
+    forces, parting = _collide(modes, spring, step_s, speed_m_s, CONTACT_STEPS)
+    if len(forces) == CONTACT_STEPS:
+        finding = f"the bodies have not parted after {step_s * len(forces):g} s"
+        raise QueryError("contact", finding, "Give a lighter or a harder striker.")
+    energies = (parting[1] ** 2 + eigenvalues * parting[0] ** 2) / 2
+    borders = np.cumsum([0, *(len(collider.gains) for collider in colliders)])
+    vibration_j = [energies[begin:end].sum() for begin, end in pairwise(borders)]
+    forces = forces[: np.flatnonzero(forces)[-1] + 1].copy()
+    return Collision(step_s, forces, np.array(vibration_j))
 
 
 @lru_cache(maxsize=64)
@@ -183,11 +142,17 @@ def _viscosity(restitution: float) -> float:
 
 
 @inner(relaxed_kernel)
-def _energy(approach: float, stiffness: float) -> float:
-    """Return what the spring holds: 2/5 k d^(5/2)."""
-    if approach <= 0.0:
-        return 0.0
-    return 0.4 * stiffness * approach * approach * math.sqrt(approach)
+def _spring(before: float, after: float, stiffness: float) -> tuple[float, float]:
+    """Return the change of the spring's energy 2/5 k d^(5/2) over that of the approach d, and its slope."""
+    s, t = math.sqrt(max(before, 0.0)), math.sqrt(max(after, 0.0))
+    force, slope = 0.0, 0.0
+    if s > 0.0 and t > 0.0:  # t^5 - s^5 divided by t^2 - s^2, without a difference
+        force = 0.4 * stiffness * (t**4 + t**3 * s + t**2 * s**2 + t * s**3 + s**4) / (s + t)
+        slope = 0.2 * stiffness * (3 * t**3 + 6 * t**2 * s + 4 * t * s**2 + 2 * s**3) / (s + t) ** 2
+    elif s > 0.0 or t > 0.0:
+        force = 0.4 * stiffness * (t**5 - s**5) / (after - before)
+        slope = (stiffness * t**3 - force) / (after - before)
+    return force, slope
 
 
 @inner(relaxed_kernel)
@@ -209,19 +174,10 @@ def _force(
     after = free - compliance * start
     force = 0.0
     for _ in range(60):
-        middle, apart = (before + after) / 2, after - before
-        root = math.sqrt(max(middle, 0.0))
-        spring, slope = stiffness * middle * root, 0.75 * stiffness * root
-        if middle <= 0.0:
-            spring = 0.0
-        push = resistance * spring
-        if abs(apart) > 1e-4 * abs(middle):
-            exact = (_energy(after, stiffness) - _energy(before, stiffness)) / apart
-            end = max(after, 0.0)
-            push, spring, slope = push, exact, (stiffness * end * math.sqrt(end) - exact) / apart
-        force = spring + push * apart
-        slope += push + resistance * 0.75 * stiffness * root * apart
-        if force < 0.0:
+        spring, slope = _spring(before, after, stiffness)
+        push = 1.0 + resistance * (after - before)
+        force, slope = spring * push, slope * push + spring * resistance
+        if push < 0.0:
             force, slope = 0.0, 0.0
         error = after + compliance * force - free
         if error > 0.0:
@@ -242,10 +198,10 @@ def _collide(
     modes_of_both: tuple[Floats, Floats, Floats],
     contact: tuple[float, float, float],
     step_s: float,
-    state: tuple[Floats, Floats, Floats, Floats],
-    start: int,
-) -> int:
-    """Step until the bodies have parted for good or the forces are full; return the number of steps taken.
+    speed_m_s: float,
+    most: int,
+) -> tuple[Floats, Floats]:
+    """Step until the bodies have parted for good; return forces and how the modes moved when they parted.
 
     Parameters
     ----------
@@ -253,22 +209,27 @@ def _collide(
         Steps (6, modes), gains and angular frequencies (modes,).
     contact
         Mobility of the bodies, stiffness and viscosity.
-    state
-        Motion (4, modes): displacements and velocities now, and when the bodies parted last. How near the
-        bodies have come to each other without their modes, and how fast. Forces, and the energy (1,) lost.
+    most
+        Steps after which it ends anyway.
+
+    Returns
+    -------
+    tuple
+        (steps,), and displacements and velocities (2, modes).
     """
     (steps, gains, angular), (mobility, stiffness, viscosity) = modes_of_both, contact
-    motion, rigid, forces, lost = state
-    q, v = motion[0], motion[1]
     modes = len(gains)
+    motion, parting, forces = np.zeros((2, modes)), np.zeros((2, modes)), np.zeros(512)
+    q, v = motion[0], motion[1]
     compliance = mobility * step_s * step_s / 2
     for j in range(modes):
         compliance += gains[j] * gains[j] * steps[4, j]
-    before = rigid[0]
-    for j in range(modes):
-        before -= gains[j] * q[j]
-    for k in range(start, len(forces)):
-        free = rigid[0] + step_s * rigid[1]
+    # How near the bodies have come, and how near and how fast they would without their modes.
+    before, near, speed = 0.0, 0.0, speed_m_s
+    for k in range(most):
+        if k == len(forces):
+            forces = np.append(forces, np.zeros(k))
+        free = near + step_s * speed
         for j in range(modes):
             x, y = q[j], v[j]
             q[j] = steps[0, j] * x + steps[1, j] * y
@@ -282,20 +243,17 @@ def _collide(
                 push = gains[j] * force
                 q[j] += steps[4, j] * push
                 v[j] += steps[5, j] * push
-            spring = _energy(before, stiffness) - _energy(after, stiffness)
-            lost[0] += force * (after - before) + spring
         if before > 0.0 and after <= 0.0:
-            for j in range(modes):
-                motion[2, j], motion[3, j] = q[j], v[j]
-        rigid[0] += step_s * rigid[1] - mobility * step_s * step_s / 2 * force
-        rigid[1] -= mobility * step_s * force
+            parting[:] = motion
+        near += step_s * speed - mobility * step_s * step_s / 2 * force
+        speed -= mobility * step_s * force
         forces[k] = force
-        if rigid[1] < 0.0 and after <= 0.0 and (before > 0.0 or k % 16 == 0):
+        if speed < 0.0 and after <= 0.0 and (before > 0.0 or k % 16 == 0):
             # No mode reaches farther than its amplitude, and the bodies go on parting.
-            reach = rigid[0]
+            reach = near
             for j in range(modes):
                 reach += abs(gains[j]) * math.sqrt(q[j] * q[j] + (v[j] / angular[j]) ** 2)
             if reach <= 0.0:
-                return k + 1
+                return forces[: k + 1], parting
         before = after
-    return len(forces)
+    return forces[:most], parting

@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.synthesis.collision import Collider
 from objectfolder.audio.synthesis.earlier_forces import earlier_forces
-from objectfolder.audio.synthesis.force_profile import ForceProfile
 from objectfolder.audio.synthesis.hertz import ContactBody
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.pulses import ForceProfile
+from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.audio.synthesis.sources import Motion, Source, along
 from objectfolder.audio.synthesis.struck_body import Observed, Pulse, StruckBody, named_striker
 from objectfolder.audio.synthesis.voices import Voices
@@ -64,9 +65,8 @@ class ObjectStream:
         self._body = body
         self._contacts = contacts
         self._rate = sample_rate_hz
-        modes = len(body.eigenvalues)
         self._channels = [
-            Channel.of(sources, modes) for sources in body.channels(sample_rate_hz, observed, listeners)
+            Channel.of(sources) for sources in body.channels(sample_rate_hz, observed, listeners)
         ]
 
     @property
@@ -139,7 +139,7 @@ class ObjectStream:
 
     def collider(self, motion: Motion, direction: Floats) -> Collider:
         """Return the object as another body meets it that pushes along a unit vector (3,)."""
-        return Collider(self._body.vibrations, along(direction[None], motion.shapes)[0])
+        return Collider(self._body.modes, along(direction[None], motion.shapes)[0])
 
     def motion(self, place: ClosestPoints) -> Motion:
         """Return how the modes move at a place of the surface."""
@@ -195,24 +195,19 @@ class Channel:
     voices: Voices
 
     @classmethod
-    def of(cls, sources: list[Source], modes: int) -> "Channel":
-        """Return a silent channel of a body with so many modes."""
-        widths = [modes if source.gains is None else source.gains.shape[1] for source in sources]
-        begins = np.cumsum([0, *widths])
+    def of(cls, sources: list[Source]) -> "Channel":
+        """Return a silent channel."""
+        banks = [source.bank for source in sources]
+        begins = np.cumsum([0, *(bank.width for bank in banks)])
         oscillators = Oscillators(
-            np.concatenate([source.oscillators.eigenvalues for source in sources]),
-            np.concatenate([source.oscillators.dampings_per_s for source in sources]),
-            sources[0].oscillators.sample_rate_hz,
+            np.concatenate([bank.oscillators.eigenvalues for bank in banks]),
+            np.concatenate([bank.oscillators.dampings_per_s for bank in banks]),
+            banks[0].oscillators.sample_rate_hz,
         )
-        of_displacement, of_velocity = np.concatenate([source.weights for source in sources], axis=1)
-        columns = [source.columns + begin for source, begin in zip(sources, begins[:-1], strict=True)]
-        voices = Voices(
-            oscillators,
-            (of_displacement, of_velocity),
-            columns=np.concatenate(columns),
-            all_modes=int(begins[-1]),
-        )
-        return cls(sources, voices)
+        of_displacement, of_velocity = np.concatenate([bank.weights for bank in banks], axis=1)
+        columns = np.concatenate([bank.columns + begin for bank, begin in zip(banks, begins, strict=False)])
+        bank = Resonators.of(oscillators, (of_displacement, of_velocity), columns, int(begins[-1]))
+        return cls(sources, Voices(bank))
 
     def field(self, motion: Motion) -> Floats:
         """Gains (n, 3, all modes) of contacts."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.audio.synthesis.bank import Pulse, drive, ring
-from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.resonators import Resonators
 
 Floats = NDArray[np.float64]
 
@@ -41,19 +41,17 @@ class Motion:
 
 @dataclass(frozen=True)
 class Source:
-    """Oscillators as one channel hears them.
+    """Resonators as one channel hears them.
 
     Attributes
     ----------
-    oscillators, weights, columns : as for `ring`
+    bank : of a contact's modes those that sound
     observed : (modes,) what is heard of a unit of modal velocity; None: the normal velocity of the contact
     gains : (3, modes) of a source that does not depend on the contact; None for the modes of the surface
     delay_s : on the way to the listener
     """
 
-    oscillators: Oscillators
-    weights: tuple[Floats, Floats]
-    columns: NDArray[np.int64]
+    bank: Resonators
     observed: Floats | None
     gains: Floats | None
     delay_s: float
@@ -68,33 +66,15 @@ class Source:
     @property
     def delay_samples(self) -> int:
         """Nearest whole number of samples."""
-        return round(self.delay_s * self.oscillators.sample_rate_hz)
+        return round(self.delay_s * self.bank.oscillators.sample_rate_hz)
 
-    def write(self, motion: Motion, forces: Floats, pulse: Pulse, sound: Floats, floor_db: float) -> None:
+    def write(self, motion: Motion, forces: Floats, pulse: Pulse, sound: Floats) -> None:
         """Write the sound (n, samples) of contacts; `sound` is overwritten."""
         field = self.field(motion)
         if forces.ndim == 3:
-            driven = field[:, :, self.columns]
-            drive(
-                self.oscillators,
-                self.weights,
-                driven,
-                forces,
-                sound,
-                delay_samples=self.delay_samples,
-                floor_db=floor_db,
-            )
-            return
-        ring(
-            self.oscillators,
-            self.weights,
-            along(forces, field),
-            sound,
-            columns=self.columns,
-            pulse=pulse,
-            delay_s=self.delay_s,
-            floor_db=floor_db,
-        )
+            drive(self.bank, field, forces, sound, delay_samples=self.delay_samples)
+        else:
+            ring(self.bank, along(forces, field), sound, pulse=pulse, delay_s=self.delay_s)
 
 
 def along(forces: Floats, gains: Floats) -> Floats:

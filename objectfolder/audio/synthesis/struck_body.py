@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from objectfolder.audio.air.transfer import AirTransfer
 from objectfolder.audio.synthesis.air import Air, Listener
-from objectfolder.audio.synthesis.bank import FLOOR_DB, samples_of
 from objectfolder.audio.synthesis.bank import Pulse as PulseOfRows
-from objectfolder.audio.synthesis.collision import Collider, Vibrations, collide
-from objectfolder.audio.synthesis.force_profile import ForceProfile
+from objectfolder.audio.synthesis.bank import samples_of
+from objectfolder.audio.synthesis.collision import Collider, collide
 from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody, HertzContact, mass_at_contact
 from objectfolder.audio.synthesis.oscillators import Oscillators
+from objectfolder.audio.synthesis.pulses import ForceProfile
+from objectfolder.audio.synthesis.resonators import Resonators
 from objectfolder.audio.synthesis.sound import StrikeEnergy
 from objectfolder.audio.synthesis.sources import Motion, Source, along
 from objectfolder.audio.synthesis.support import Support
@@ -113,7 +114,6 @@ class StruckBody:
         pulse: Pulse = None,
         observed: Observed = CONTACT,
         listeners: Floats | None = None,
-        floor_db: float = FLOOR_DB,
     ) -> Iterator[tuple[slice, NDArray[np.float32], StrikeEnergy | None]]:
         """Yield the sounds of some contacts at a time; see `ObjectFile.strike`.
 
@@ -153,9 +153,9 @@ class StruckBody:
                 pushes, own, energy = collisions.impulses_n_s, collisions.profiles, collisions.energy_j
             total, part = (np.empty((len(sound), samples)) for _ in range(2))
             for channel, (first, *others) in enumerate(channels):
-                first.write(motion, pushes, own, total, floor_db)
+                first.write(motion, pushes, own, total)
                 for source in others:
-                    source.write(motion, pushes, own, part, floor_db)
+                    source.write(motion, pushes, own, part)
                     total += part
                 sound[:, channel] = total
             yield rows, sound, energy
@@ -218,9 +218,9 @@ class StruckBody:
         return 2 * masses[:, None] * velocities
 
     @cached_property
-    def vibrations(self) -> Vibrations:
-        """Its modes as collisions take them."""
-        return Vibrations(self.eigenvalues, self.dampings_per_s)
+    def modes(self) -> Oscillators:
+        """Its modes as collisions take them, at rates of their own."""
+        return Oscillators(self.eigenvalues, self.dampings_per_s, 1.0)
 
     def collisions(
         self, points: Floats, motion: Motion, impulses: Floats, striker: ContactBody
@@ -237,7 +237,7 @@ class StruckBody:
             direction = impulses[row] / size
             contact = self.contact(striker, points[row], direction)
             speed = float(contact.speed_m_s(size))
-            collider = Collider(self.vibrations, along(direction[None], motion.shapes[row : row + 1])[0])
+            collider = Collider(self.modes, along(direction[None], motion.shapes[row : row + 1])[0])
             collision = collide([collider], contact, speed, striker.restitution)
             profiles.append(collision.profile)
             impulse, vibration = collision.impulse_n_s, float(collision.vibration_j[0])
@@ -254,47 +254,46 @@ class StruckBody:
         """Yield the sources of what is heard in each channel."""
         oscillators = Oscillators.checked(self.eigenvalues, self.dampings_per_s, sample_rate_hz)
         columns = np.flatnonzero(oscillators.audible())
-        modes = oscillators.take(columns)
+        modes, width = oscillators.take(columns), len(oscillators)
         still = np.zeros(len(modes))
         if listeners is None:
+            bank = Resonators.of(modes, (still, still + 1), columns, width)
             for surface_weights in self.velocity_weights(observed):
-                yield [Source(modes, (still, still + 1), columns, surface_weights, None, 0.0)]
+                yield [Source(bank, surface_weights, None, 0.0)]
             return
         if self.rigid is None:
             raise QueryError("listener", "the file does not say the object's mass", "Build the file again.")
         for position in listeners:
             listener = Listener.at(position, self.rigid.centre_m, self.rigid.area_m2, Air())
-            click, weights = listener.click_oscillator(sample_rate_hz)
             gains, delay = listener.click_gains(self.rigid.mass_kg), listener.delay_s
+            click = Source(Resonators.of(*listener.click_oscillator(sample_rate_hz)), None, gains, delay)
+            observed_modes = np.ones(width)
             if self.transfer is not None:
-                through = self.transfer.delayed(position, delay)[columns]
-                surface = self._through_air(through, modes, columns, delay)
+                bank = _through_air(self.transfer.delayed(position, delay)[columns], modes, columns, width)
             elif self.radiation_dampings_per_s is not None:
-                heard = still, listener.radiated_weights(self.radiation_dampings_per_s[columns])
-                surface = Source(modes, heard, columns, np.ones(len(self.eigenvalues)), None, delay)
+                heard = listener.radiated_weights(self.radiation_dampings_per_s[columns])
+                bank = Resonators.of(modes, (still, heard), columns, width)
             else:
-                heard = still, listener.modal_weights(modes.frequencies_hz)
-                surface = Source(modes, heard, columns, self.radiation_weights, None, delay)
-            yield [
-                surface,
-                Source(click, weights, np.array([0]), None, gains, delay),
-            ]
+                heard, observed_modes = listener.modal_weights(modes.frequencies_hz), self.radiation_weights
+                bank = Resonators.of(modes, (still, heard), columns, width)
+            yield [Source(bank, observed_modes, None, delay), click]
 
-    def _through_air(
-        self, heard: NDArray[np.complex128], modes: Oscillators, columns: NDArray[np.int64], delay_s: float
-    ) -> Source:
-        """Return the modes as they are heard through transfers (modes,), without the inaudible.
 
-        The pressure is Re(H V), V the velocity with exp(-i w t), so that displacement has a part in it as
-        well: of exp(-c t) motions Re(H V) = Re(H) q' + Im(H) ((lambda / w) q + (c / w) q').
-        """
-        loud = np.abs(heard) > 10 ** (INAUDIBLE_DB / 20) * np.abs(heard).max(initial=0.0)
-        modes, columns, heard = modes.take(loud), columns[loud], heard[loud]
-        weights = (
-            heard.imag * modes.eigenvalues / modes.roots_per_s,
-            heard.real + heard.imag * modes.dampings_per_s / modes.roots_per_s,
-        )
-        return Source(modes, weights, columns, np.ones(len(self.eigenvalues)), None, delay_s)
+def _through_air(
+    heard: NDArray[np.complex128], modes: Oscillators, columns: NDArray[np.int64], width: int
+) -> Resonators:
+    """Return the modes as they are heard through transfers (modes,), without the inaudible.
+
+    The pressure is Re(H V), V the velocity with exp(-i w t), so that displacement has a part in it as
+    well: of exp(-c t) motions Re(H V) = Re(H) q' + Im(H) ((lambda / w) q + (c / w) q').
+    """
+    loud = np.abs(heard) > 10 ** (INAUDIBLE_DB / 20) * np.abs(heard).max(initial=0.0)
+    modes, heard = modes.take(loud), heard[loud]
+    weights = (
+        heard.imag * modes.eigenvalues / modes.roots_per_s,
+        heard.real + heard.imag * modes.dampings_per_s / modes.roots_per_s,
+    )
+    return Resonators.of(modes, weights, columns[loud], width)
 
 
 @dataclass(frozen=True)

@@ -8,33 +8,37 @@ lifetime has passed since the latest contact, and is then no longer computed.
 import math
 from bisect import insort
 from dataclasses import dataclass
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from objectfolder.audio.synthesis.bank import FLOOR_DB
-from objectfolder.audio.synthesis.force_profile import ForceProfile
-from objectfolder.audio.synthesis.oscillators import Oscillators
-from objectfolder.audio.synthesis.resonators import Resonators
+from objectfolder.audio.synthesis.bank import checked_forces
+from objectfolder.audio.synthesis.pulses import ForceProfile, course_of
+from objectfolder.audio.synthesis.resonators import FLOOR_DB, Resonators
 from objectfolder.errors import QueryError
-from objectfolder.query_values import whole
+from objectfolder.query_values import real_array, whole
 from objectfolder.renaming import renamed_keywords
 
 Floats = NDArray[np.float64]
 MOST_BLOCK_SAMPLES = 1 << 26  # of a block
 MOST_VOICES = 4096
 MOST_ONSET_SAMPLES = 1 << 22
-START = attrgetter("start")
+END = attrgetter("end")
 
 
 @dataclass(eq=False)
 class Voice:
-    """A contact not yet over: `onset` (k,) from sample `start` on, then `coefficients` (2, modes)."""
+    """A contact not yet over: `onset` (k,) from sample `begin` to `end`, then the state (2, modes)."""
 
-    start: int
+    begin: int
     onset: Floats
-    coefficients: Floats
+    state: Floats
+
+    @property
+    def end(self) -> int:
+        """Sample at which the state holds."""
+        return self.begin + len(self.onset)
 
 
 class Voices:
@@ -42,12 +46,8 @@ class Voices:
 
     Parameters
     ----------
-    oscillators
-        Those that sound.
-    weights
-        (modes,) of displacement and of velocity in what is heard.
-    columns
-        (modes,) which of the amplitudes of a contact, `all_modes` of them, are theirs; all by default.
+    bank
+        What sounds.
 
     Attributes
     ----------
@@ -62,24 +62,13 @@ class Voices:
     (1.0, 256)
     """
 
-    def __init__(
-        self,
-        oscillators: Oscillators,
-        weights: tuple[Floats, Floats],
-        *,
-        columns: NDArray[np.int64] | None = None,
-        all_modes: int | None = None,
-        floor_db: float = FLOOR_DB,
-    ) -> None:
-        columns = np.arange(len(oscillators)) if columns is None else columns
-        self._mode_count = len(oscillators) if all_modes is None else all_modes
-        self._bank = self._damped = Resonators.of(oscillators, weights, floor_db)
-        self._columns = columns[self._bank.order]
-        self._ends = -self._bank.lifetimes
+    def __init__(self, bank: Resonators) -> None:
+        self._bank = self._damped = bank
+        self._ends = -bank.lifetimes
         self._added: Floats | None = None
-        self._ringing = np.zeros((1, 2, len(oscillators)))
+        self._ringing = np.zeros((1, 2, len(bank)))
         self._age = math.inf
-        self._voices: list[Voice] = []  # the earliest first
+        self._voices: list[Voice] = []  # those that end first, first
         self.now = 0
 
     @classmethod
@@ -107,17 +96,14 @@ class Voices:
         QueryError
             As for `mode_bank`.
         """
-        oscillators = Oscillators.checked(eigenvalues, dampings_per_s, sample_rate_hz)
-        factors = np.ones(len(oscillators))
+        factors: Floats | float = 1.0
         if output_weights is not None:
-            factors = np.asarray(output_weights, dtype=np.float64)
-        if factors.shape != (len(oscillators),) or not np.isfinite(factors).all():
-            raise QueryError("output_weights", f"shape {factors.shape}, or not finite", "Give one a mode.")
-        columns = np.flatnonzero(oscillators.audible())
-        sounding, factors = oscillators.take(columns), factors[columns]
-        displacement, velocity = sounding.response_weights(response)
-        weights = (displacement * factors, velocity * factors)
-        return cls(sounding, weights, columns=columns, all_modes=len(oscillators), floor_db=floor_db)
+            factors = real_array("output_weights", output_weights)
+            if factors.shape != np.shape(eigenvalues):
+                raise QueryError("output_weights", f"shape {factors.shape}", "Give one a mode.")
+        return cls(
+            Resonators.of_modes(eigenvalues, dampings_per_s, sample_rate_hz, response, floor_db, factors)
+        )
 
     @property
     def waiting(self) -> int:
@@ -154,18 +140,14 @@ class Voices:
             Values that are not finite, a time that has passed, or more than `MOST_VOICES` contacts or
             `MOST_ONSET_SAMPLES` samples of contact waiting.
         """
-        gains = np.asarray(amplitudes, dtype=np.float64).reshape(-1)
+        gains = real_array("amplitudes", amplitudes).reshape(-1)
+        if gains.shape != (self._bank.width,):
+            raise QueryError("amplitudes", f"shape {gains.shape}", f"Give ({self._bank.width},).")
         begin, ahead = self._beginning(at)
-        if gains.shape != (self._mode_count,) or not np.isfinite(gains).all():
-            raise QueryError(
-                "amplitudes", f"shape {gains.shape}, or not finite", f"Give ({self._mode_count},)."
-            )
-        lasting_s = pulse_s.duration_s if isinstance(pulse_s, ForceProfile) else pulse_s
-        if lasting_s is not None and not 0 < lasting_s < math.inf:
-            raise QueryError("pulse_s", f"{lasting_s} s", "Give seconds; None for an ideal impulse.")
-        self._make_room((lasting_s or 0) * self._rate)
-        onset, coefficients = self._bank.onset(gains[None, self._columns], pulse_s, ahead, MOST_ONSET_SAMPLES)
-        insort(self._voices, Voice(begin, onset[0], coefficients[0]), key=START)
+        course = course_of(pulse_s)
+        self._make_room(course.duration_s * self._rate if course else 0)
+        onset, states = self._bank.onset(gains[None, self._bank.columns], course, ahead, MOST_ONSET_SAMPLES)
+        insort(self._voices, Voice(begin, onset[0], states[0]), key=END)
 
     @renamed_keywords(forces="forces_n")
     def push(self, gains: ArrayLike, forces_n: ArrayLike, *, at: int | None = None) -> None:
@@ -180,22 +162,15 @@ class Voices:
         at
             Whole sample at which the first of them acts.
         """
-        fields, pushes = np.asarray(gains, dtype=np.float64), np.asarray(forces_n, dtype=np.float64)
+        fields, pushes = checked_forces(gains, forces_n, self._bank.width)
+        if len(fields) != 1:
+            raise QueryError("gains", f"{len(fields)} contacts", "Add contacts one by one.")
         begin, ahead = self._beginning(at)
         if ahead:
             raise QueryError("at", f"{at}", "Sampled forces begin on a sample.")
-        if pushes.ndim != 2 or fields.shape != (pushes.shape[1], self._mode_count):
-            raise QueryError(
-                "gains, forces_n",
-                f"shapes {fields.shape} and {pushes.shape} for {self._mode_count} modes",
-                "Give (directions, modes) and (k, directions).",
-            )
-        if not (np.isfinite(fields).all() and np.isfinite(pushes).all()):
-            raise QueryError("gains, forces_n", "not finite", "Give numbers.")
-        self._make_room(len(pushes))
-        onset = np.zeros(len(pushes))
-        coefficients = self._bank.drive(fields[:, self._columns], pushes, onset)
-        insort(self._voices, Voice(begin, onset, coefficients), key=START)
+        self._make_room(pushes.shape[1])
+        onset, states = self._bank.drive(fields[0][:, self._bank.columns], pushes[0], MOST_ONSET_SAMPLES)
+        insort(self._voices, Voice(begin, onset[0], states[0]), key=END)
 
     def damp(self, added_per_s: Floats) -> None:
         """Let decay rates be larger from now on.
@@ -206,9 +181,9 @@ class Voices:
             Of the first of all modes, 0 of the others, instead of what was added before. Frequencies stay;
             what is forced meanwhile is damped as if its force came in the middle.
         """
-        every = np.zeros(self._mode_count)
+        every = np.zeros(self._bank.width)
         every[: len(added_per_s)] = added_per_s
-        self._added = every[self._columns] if every.any() else None
+        self._added = every[self._bank.columns] if every.any() else None
         self._damped = self._bank if self._added is None else self._bank.damped(self._added)
 
     @property
@@ -218,9 +193,11 @@ class Voices:
 
     def amplitudes(self) -> Floats:
         """Envelopes (modes,) of what is heard of each ringing mode now, those that live longest first."""
-        a, b = self._ringing[0]
-        ringing = self._bank.oscillators.discriminants > 0
-        return np.hypot(a, np.where(ringing, b / np.maximum(self._bank.oscillators.roots_per_s, 1e-300), b))
+        modes, weights, (q, v) = self._bank.oscillators, self._bank.weights, self._ringing[0]
+        heard = weights[0] * q + weights[1] * v
+        slope = weights[0] * v - weights[1] * (modes.eigenvalues * q + 2 * modes.dampings_per_s * v)
+        across = (slope + modes.dampings_per_s * heard) / np.maximum(modes.roots_per_s, 1e-300)
+        return np.hypot(heard, np.where(modes.discriminants > 0, across, 0.0))
 
     def block(self, samples: int) -> Floats:
         """Return the next samples (samples,) float64.
@@ -231,14 +208,20 @@ class Voices:
             A number that is not positive.
         """
         samples = whole("samples", samples, 1, MOST_BLOCK_SAMPLES)
-        sound, begin = np.zeros((1, samples)), 0
-        for end, voice in self._ended(sound[0]):
-            if end > begin:
-                self._ring(sound[:, begin:end])
-            self._ringing[0] += self._lost(voice.coefficients, len(voice.onset) / 2)
-            self._age, begin = 0.0, end
-        self._ring(sound[:, begin:] if begin else sound)
-        self.now += samples
+        sound, begin, until = np.zeros((1, samples)), self.now, self.now + samples
+        for voice in self._voices:
+            if voice.begin < until:
+                first, last = max(voice.begin, self.now), min(voice.end, until)
+                heard = voice.onset[first - voice.begin : last - voice.begin]
+                sound[0, first - self.now : last - self.now] += heard
+        while self._voices and self._voices[0].end < until:
+            voice = self._voices.pop(0)
+            if voice.end > begin:
+                self._ring(sound[:, begin - self.now : voice.end - self.now])
+            self._ringing[0] += self._lost(voice.state, len(voice.onset) / 2)
+            self._age, begin = 0.0, voice.end
+        self._ring(sound[:, begin - self.now :])
+        self.now = until
         return sound[0]
 
     @property
@@ -264,24 +247,8 @@ class Voices:
         self._damped.ring(self._ringing, sound, age=self._age)
         self._age += sound.shape[1]
 
-    def _ended(self, sound: Floats) -> list[tuple[int, Voice]]:
-        """Add contacts to `sound` (samples,); return those that end in it and where, the earliest first."""
-        ended: list[tuple[int, Voice]] = []
-        for voice in self._voices:
-            begin = voice.start - self.now
-            if begin >= len(sound):
-                break
-            heard = voice.onset[max(0, -begin) : len(sound) - begin]
-            sound[max(0, begin) : max(0, begin) + len(heard)] += heard
-            end = begin + len(voice.onset)
-            if end < len(sound):
-                ended.append((end, voice))
-        for _, voice in ended:
-            self._voices.remove(voice)
-        return sorted(ended, key=itemgetter(0))
-
-    def _lost(self, coefficients: Floats, samples: float) -> Floats:
-        """Coefficients (2, modes) without what added damping takes in some samples."""
+    def _lost(self, state: Floats, samples: float) -> Floats:
+        """State (2, modes) without what added damping takes in some samples."""
         if self._added is None:
-            return coefficients
-        return coefficients * np.exp(-self._added * samples / self._rate)
+            return state
+        return state * np.exp(-self._added * samples / self._rate)
