@@ -1,6 +1,6 @@
 """Where the energy of strikers goes on all objects of the starter set, and whether modes get their share.
 
-    python -m bench.senses.contact_energy --folder FOLDER [--only NAME ...]
+    python -m bench contact_energy --folder FOLDER [--only NAME ...]
 
 Each striker hits each object at random points, along the normal. Modes are solved to 20 kHz and damped by
 their material. At some points their energy is compared with a Runge-Kutta integration of the coupled bodies.
