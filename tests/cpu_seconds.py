@@ -5,9 +5,9 @@ the machine do not count. A fixture's seconds are its own: neither those of the 
 nor counted to the test that came first.
 
 A test that takes more than `QUICK_S`, with the fixtures that it makes and without compiling kernels, is one
-to mark ``slow``. Those without the mark are listed, too, and one above `MOST_S` fails the run: processors,
-and what a test imports first of its process, differ by less (torch's compiler, with the first optimiser,
-takes 3 s). Only seconds of the tests' own process count here, since children may compile, too.
+to mark ``slow``. Those without the mark are listed, too; none fails, for processors differ, and a test may be
+the first of its process to import something (torch's compiler, with the first optimiser, takes 3 s). Only
+seconds of the tests' own process count here, since children may compile, too.
 """
 
 import os
@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 
 SHORTEST_S = 0.05  # of a fixture worth a place in a report that a worker sends
-QUICK_S, MOST_S = 1.0, 8.0
+QUICK_S = 1.0
 
 
 def cpu_seconds() -> float:
@@ -112,10 +112,6 @@ class Summary:
         self._seconds.update(getattr(report, "fixtures_cpu_s", {}))
         self._quick[report.nodeid] += getattr(report, "quick_s", 0.0)
 
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if session.exitstatus == 0 and any(seconds > MOST_S for seconds in self._quick.values()):
-            session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("CPU seconds")
         folders: Counter[str] = Counter()
@@ -128,8 +124,7 @@ class Summary:
         terminalreporter.write_line(f"{folders.total():9.1f} in all")
         for name, seconds in self._quick.most_common():
             if seconds > QUICK_S:
-                verdict = "more than any may" if seconds > MOST_S else "to be marked"
-                terminalreporter.write_line(f"{seconds:9.1f} {name}: not marked slow, {verdict}")
+                terminalreporter.write_line(f"{seconds:9.1f} {name}: not marked slow, to be marked")
 
 
 def register(config: pytest.Config, count: int) -> None:
