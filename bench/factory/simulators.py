@@ -187,7 +187,7 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
         return {"poses": both, "within_1_deg": both - len(far), "objects_apart": sorted(set(far))}
 
     return {
-        "objects": table,
+        "objects": {name: {key: row[key] for key in row if key != "rest"} for name, row in table.items()},
         "made": len(made),
         "failed": {name: row["failure"] for name, row in table.items() if row["failure"]},
         "loads": loads,

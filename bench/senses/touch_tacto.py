@@ -86,7 +86,7 @@ def main() -> None:
             print(name, normals, "compared", flush=True)
     summary = summarised(rows)
     print(summary)
-    conclude("touch_tacto", {"summary": summary, "poses": rows}, _settings(given, driver), COMPARED)
+    conclude("touch_tacto", {"summary": summary}, _settings(given, driver), COMPARED)
 
 
 def _request(given: argparse.Namespace, index: int, surface: Surface) -> dict[str, np.ndarray]:
