@@ -9,13 +9,13 @@ from bench.record import benches
 
 def main() -> None:
     """Run the bench that the first argument names; list all where it names none."""
-    known = benches()
-    if len(sys.argv) > 1 and sys.argv[1] in known:
+    modules = benches()
+    if len(sys.argv) > 1 and sys.argv[1] in modules:
         name = sys.argv.pop(1)
         sys.argv[0] = f"bench {name}"
-        import_module(f"bench.{known[name].parent.name}.{name}").main()
+        import_module(f"bench.{modules[name].parent.name}.{name}").main()
         return
-    for name, path in known.items():
+    for name, path in modules.items():
         heading = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
         print(f"{name:16} {heading}")
     if len(sys.argv) > 1 and sys.argv[1] not in ("-h", "--help"):

@@ -117,13 +117,13 @@ def players_alone(root: Path) -> dict[str, Any]:
 
     files = sorted((root / "data/object_files").iterdir())
     first = {path.name.rpartition("_")[0]: path for path in reversed(files)}
-    found = {}
+    seconds = {}
     for name, path in first.items():
         write_player(path, root / "players", path.stem)  # what is loaded and compiled once is not counted
         begin = cpu_seconds()
         write_player(path, root / "players", path.stem)
-        found[name] = cpu_seconds() - begin
-    return {"baked_cpu_s": found}
+        seconds[name] = cpu_seconds() - begin
+    return {"baked_cpu_s": seconds}
 
 
 def made(root: Path, pairs: int, *, keep: bool = False) -> dict[str, Any]:
@@ -173,12 +173,12 @@ def behaviour(index: Path) -> dict[str, Any]:
 def _visit(browser: Any, index: Path) -> dict[str, float]:
     context = browser.new_context(viewport={"width": 1280, "height": 900})
     page = context.new_page()
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    requests: list[str] = []
+    page.on("request", lambda request: requests.append(request.url))
     page.goto(index.resolve().as_uri())
     paints = page.evaluate("""() => new Promise(done => {
-        const found = () => performance.getEntriesByName('first-contentful-paint')[0];
-        const wait = () => found() ? done(found().startTime) : setTimeout(wait, 20);
+        const paint = () => performance.getEntriesByName('first-contentful-paint')[0];
+        const wait = () => paint() ? done(paint().startTime) : setTimeout(wait, 20);
         wait();
     })""")
     navigation = page.evaluate("performance.getEntriesByType('navigation')[0].toJSON()")
@@ -191,24 +191,24 @@ def _visit(browser: Any, index: Path) -> dict[str, float]:
         "search_cleared": lambda: page.locator("#search").press("Backspace"),
         "next_rows": lambda: page.click("#after"),
     }
-    found = {"first_contentful_paint_ms": paints, "loaded_ms": navigation["loadEventEnd"]}
+    figures = {"first_contentful_paint_ms": paints, "loaded_ms": navigation["loadEventEnd"]}
     for name, act in actions.items():
         page.evaluate("entries.length = 0")
         act()
         _painted(page)
         durations = page.evaluate("entries.map(entry => entry.duration)")
-        found[f"{name}_ms"] = max(durations, default=16.0)
+        figures[f"{name}_ms"] = max(durations, default=16.0)
     # A menu opened by the system is not the page's: its choice is timed from the change to the paint.
-    found["filter_ms"] = page.evaluate("""() => new Promise(done => {
+    figures["filter_ms"] = page.evaluate("""() => new Promise(done => {
         const select = document.getElementById('material');
         const begin = performance.now();
         select.value = 'steel';
         select.dispatchEvent(new Event('change', {bubbles: true}));
         requestAnimationFrame(() => setTimeout(() => done(performance.now() - begin)));
     })""")
-    found["beyond_the_disk"] = sum(not address.startswith(("file:", "data:")) for address in asked)
+    figures["beyond_the_disk"] = sum(not address.startswith(("file:", "data:")) for address in requests)
     context.close()
-    return found
+    return figures
 
 
 def _painted(page: Any) -> None:

@@ -74,10 +74,10 @@ def struck(body: StruckBody, points: Floats, motion: Motion, striker: ContactBod
             end_s = collide([collider], contact, SPEED_M_S, striker.restitution).profile.duration_s
             _, true = coupled_contact([collider], contact, SPEED_M_S, striker.restitution, end_s)
             off.append(abs(float(energy.vibration[row] / true[0]) - 1))
-    left = (energy.rebound + energy.vibration + energy.motion) / energy.striker
+    remaining_share = (energy.rebound + energy.vibration + energy.motion) / energy.striker
     return {
-        "left_least": float(left.min()),
-        "left_most": float(left.max()),
+        "left_least": float(remaining_share.min()),
+        "left_most": float(remaining_share.max()),
         "modal_share_median": float(np.median(energy.vibration / energy.striker)),
         "modal_share_off": off,
     }

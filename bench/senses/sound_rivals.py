@@ -46,8 +46,8 @@ COMPARED = (
 def ways(surface: Surface, truth: Product) -> dict[str, Any]:
     """Distances of every way from the truth of an object."""
     held_out, shapes = truth["held_out"], truth["mode_shapes"].astype(np.float64)
-    points, known = truth["points"][~held_out], shapes[~held_out]
-    asked, true = truth["points"][held_out], shapes[held_out]
+    points, training_shapes = truth["points"][~held_out], shapes[~held_out]
+    queries, true = truth["points"][held_out], shapes[held_out]
     sounds = struck(truth, true[:CONTACTS], SAMPLE_RATE_HZ)
 
     def distances(answer: np.ndarray) -> dict[str, Any]:
@@ -58,8 +58,8 @@ def ways(surface: Surface, truth: Product) -> dict[str, Any]:
 
     def by_gains(gains: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
         """Measures of a way that answers gains (n, 3, modes) of the true modes at points (n, 3)."""
-        answer, seconds = gains(asked), []
-        for point in asked[:CONTACTS]:
+        answer, seconds = gains(queries), []
+        for point in queries[:CONTACTS]:
             start = time.process_time()
             struck(truth, gains(point[None]), SAMPLE_RATE_HZ)
             seconds.append(time.process_time() - start)
@@ -72,31 +72,36 @@ def ways(surface: Surface, truth: Product) -> dict[str, Any]:
     start = time.process_time()
     net = fit_audionet(decode_surface(encode_surface(surface)), truth)
     own_cpu_s = time.process_time() - start
-    gains_network = fit_gains_network(points, known, steps=GAINS_STEPS, seed=SEED)
+    gains_network = fit_gains_network(points, training_shapes, steps=GAINS_STEPS, seed=SEED)
     mode_sounds = mode_bank(
         truth["eigenvalues"],
         truth["dampings_per_s"],
-        np.eye(known.shape[2]),
+        np.eye(training_shapes.shape[2]),
         duration_s=DURATION_S,
         sample_rate_hz=SAMPLE_RATE_HZ,
     )
     spectrograms = fit_spectrogram_network(
-        points, known * truth["radiation_weights"], mode_sounds, steps=SPECTROGRAM_STEPS, seed=SEED
+        points, training_shapes * truth["radiation_weights"], mode_sounds, steps=SPECTROGRAM_STEPS, seed=SEED
     )
     start = time.process_time()
-    heard = spectrograms.sounds(asked[:CONTACTS], np.eye(3)[np.arange(CONTACTS) % 3])
+    heard = spectrograms.sounds(queries[:CONTACTS], np.eye(3)[np.arange(CONTACTS) % 3])
     query_cpu_s = (time.process_time() - start) / CONTACTS
     costs = {
         "AudioNet": (sum(tensor.nbytes for tensor in net.tensors().values()), own_cpu_s),
         "2.0 gains network": (gains_network.bytes, gains_network.training.cpu_s),
         "1.0 spectrogram network": (spectrograms.bytes, spectrograms.training.cpu_s),
-        "4-nearest mean of truth": (4 * (points.size + known.size) + 24 * known.shape[2], None),
+        "4-nearest mean of truth": (
+            4 * (points.size + training_shapes.size) + 24 * training_shapes.shape[2],
+            None,
+        ),
     }
     rows: dict[str, dict[str, Any]] = {
         "AudioNet": by_gains(net.gains),
         "2.0 gains network": by_gains(gains_network.gains),
         "1.0 spectrogram network": {**distances(heard), "query_cpu_s": query_cpu_s},
-        "4-nearest mean of truth": by_gains(lambda places: nearest_vertex_mean(points, known, places)),
+        "4-nearest mean of truth": by_gains(
+            lambda places: nearest_vertex_mean(points, training_shapes, places)
+        ),
         "silence": distances(0 * sounds),
     }
     for way, (size, spent) in costs.items():

@@ -190,17 +190,17 @@ def psnr_db(
 
 def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     """Spreads over poses in which either sees the object, by normals and samples."""
-    found: dict[str, dict[str, Any]] = {}
+    spreads: dict[str, dict[str, Any]] = {}
     for normals in (*NORMALS, MIXED):
         for samples in SAMPLES:
-            seen = [
+            in_contact = [
                 row
                 for row in rows
                 if (row["normals"], row["samples"]) == (normals, samples) and row["share_in_contact"] > 0
             ]
-            entry = {key: spread(seen, key) for key in MEASURES}
-            found.setdefault(normals, {})[str(samples)] = {"poses": len(seen), **entry}
-    return found
+            entry = {key: spread(in_contact, key) for key in MEASURES}
+            spreads.setdefault(normals, {})[str(samples)] = {"poses": len(in_contact), **entry}
+    return spreads
 
 
 def _settings(given: argparse.Namespace, driver: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.rivals.touch.networks import ASKED, RIVALS, fit_touch_network
+from bench.rivals.touch.networks import QUERY_FIELDS, RIVALS, fit_touch_network
 from objectfolder.fidelity.feel import measure_feel
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
@@ -53,22 +53,24 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
         samples=2,
         seed=0,
     )
-    asked = {key: np.asarray(touches[key])[touches["held_out"]] for key in ASKED}
+    queries = {key: np.asarray(touches[key])[touches["held_out"]] for key in QUERY_FIELDS}
     start = time.process_time()
     patches = FacePatches(surface)
-    press(patches, sensor, asked["points"][:1], Press(samples=1))
+    press(patches, sensor, queries["points"][:1], Press(samples=1))
     prepared = time.process_time() - start
-    truth = press(patches, sensor, *pressed(asked, TRUTH_SAMPLES))
+    truth = press(patches, sensor, *pressed(queries, TRUTH_SAMPLES))
 
     def error(images: np.ndarray) -> Row:
         return dict(measure_feel(truth.rgb, truth.mask, images, truth.mask))
 
-    ways = {samples: lambda s=samples: press(patches, sensor, *pressed(asked, s)).rgb for samples in SAMPLES}
+    ways = {
+        samples: lambda s=samples: press(patches, sensor, *pressed(queries, s)).rgb for samples in SAMPLES
+    }
     seconds: dict[int, list[float]] = {samples: [] for samples in SAMPLES}
     images = {samples: way() for samples, way in ways.items()}
     opengl: list[float] = []
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        drawn = np.zeros_like(truth.rgb)
+        drawings = np.zeros_like(truth.rgb)
         for turn in range(given.rounds):
             shift = turn % len(SAMPLES)
             for samples in SAMPLES[shift:] + SAMPLES[:shift]:
@@ -76,7 +78,7 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
                 ways[samples]()
                 seconds[samples].append((time.process_time() - start) / len(truth.rgb))
             task = pool.submit(by_opengl, surface.vertices, surface.faces, sensor, truth.sensor_to_object)
-            drawn, spent = task.result()
+            drawings, spent = task.result()
             opengl.append(spent)
     rows = [
         {"way": "ours", "setting": samples, "cpu_s": float(np.median(seconds[samples]))}
@@ -85,11 +87,11 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
     ]
     untouched = np.broadcast_to(no_contact_image(sensor, 2), truth.rgb.shape)
     rows += [
-        {"way": "pyrender", "setting": None, "cpu_s": float(np.median(opengl))} | error(drawn),
+        {"way": "pyrender", "setting": None, "cpu_s": float(np.median(opengl))} | error(drawings),
         {"way": "no contact", "setting": None} | error(untouched),
     ]
     if networks:
-        rows += [network_row(way, touches, asked, error, given.network_cpu_s) for way in RIVALS]
+        rows += [network_row(way, touches, queries, error, given.network_cpu_s) for way in RIVALS]
         mean = np.rint(touches["rgb"][~touches["held_out"]].mean(axis=0, dtype=np.float64))
         image = np.broadcast_to(mean.astype(np.uint8), truth.rgb.shape)
         rows.append({"way": "mean image", "setting": None, "bytes": image[0].nbytes} | error(image))
@@ -99,28 +101,28 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
         "set_up_cpu_s": prepared,
         "reachable": float(truth.reachable.mean()),
         "ways": rows,
-        "sizes": sizes(patches, sensor, asked, given.rounds),
-        "elastic_touches_a_cpu_s": elastic(patches, sensor, asked["points"]),
+        "sizes": sizes(patches, sensor, queries, given.rounds),
+        "elastic_touches_a_cpu_s": elastic(patches, sensor, queries["points"]),
     }
 
 
-def pressed(asked: Row, samples: int) -> tuple[np.ndarray, Press]:
+def pressed(queries: Row, samples: int) -> tuple[np.ndarray, Press]:
     """Points, and how to press there."""
-    held = {name: values for name, values in asked.items() if name != "points"}
-    return asked["points"], Press(**held, samples=samples)
+    held = {name: values for name, values in queries.items() if name != "points"}
+    return queries["points"], Press(**held, samples=samples)
 
 
 def network_row(
-    way: str, touches: Product, asked: Row, error: Callable[[np.ndarray], Row], budget_cpu_s: float
+    way: str, touches: Product, queries: Row, error: Callable[[np.ndarray], Row], budget_cpu_s: float
 ) -> Row:
     """Fit a network of the papers for some CPU seconds, and measure it."""
     fitted = fit_touch_network(way, touches, budget_cpu_s=budget_cpu_s, seed=0)
     start = time.process_time()
-    images = fitted.render(**asked)
+    images = fitted.render(**queries)
     spent = (time.process_time() - start) / len(images)
-    shown = np.flatnonzero(~touches["held_out"])[:SHOWN]
-    seen = fitted.render(**{name: touches[name][shown] for name in asked})
-    mask = touches["mask"][shown]
+    examples = np.flatnonzero(~touches["held_out"])[:SHOWN]
+    answers = fitted.render(**{name: touches[name][examples] for name in queries})
+    mask = touches["mask"][examples]
     return {
         "way": f"{way} network",
         "setting": None,
@@ -128,11 +130,13 @@ def network_row(
         "bytes": fitted.bytes,
         "training_cpu_s": fitted.training.cpu_s,
         "training_steps": fitted.training.steps,
-        "psnr_contact_training_db": measure_feel(touches["rgb"][shown], mask, seen, mask)["psnr_contact_db"],
+        "psnr_contact_training_db": measure_feel(touches["rgb"][examples], mask, answers, mask)[
+            "psnr_contact_db"
+        ],
     } | error(images)
 
 
-def sizes(patches: FacePatches, sensor: Sensor, asked: Row, rounds: int) -> list[Row]:
+def sizes(patches: FacePatches, sensor: Sensor, queries: Row, rounds: int) -> list[Row]:
     """Touches a CPU second at three sizes of image."""
     rows = []
     for height, width in SIZES:
@@ -141,8 +145,8 @@ def sizes(patches: FacePatches, sensor: Sensor, asked: Row, rounds: int) -> list
             seconds = []
             for _ in range(rounds + 1):
                 start = time.process_time()
-                press(patches, sized, *pressed(asked, samples))
-                seconds.append((time.process_time() - start) / len(asked["points"]))
+                press(patches, sized, *pressed(queries, samples))
+                seconds.append((time.process_time() - start) / len(queries["points"]))
             rate = 1 / float(np.median(seconds[1:]))
             rows.append({"height": height, "width": width, "samples": samples, "touches_a_cpu_s": rate})
     return rows
@@ -202,11 +206,11 @@ def stored(surface: Surface) -> tuple[TouchNet, int]:
     return TouchNet(decode_surface(encoded), Sensor()), sum(array.nbytes for array in encoded.values())
 
 
-def _error(surface: Surface, net: TouchNet, asked: dict[str, Any]) -> dict[str, Any]:
+def _error(surface: Surface, net: TouchNet, queries: dict[str, Any]) -> dict[str, Any]:
     """Measures of the stored surface against the source, pressed alike at points of the source."""
     points = surface.sample(ENCODED_TOUCHES, 1).points
-    truth = press(surface, Sensor(), points, Press(samples=2, **asked))
-    answer = net.press(points, Press(**asked))
+    truth = press(surface, Sensor(), points, Press(samples=2, **queries))
+    answer = net.press(points, Press(**queries))
     return dict(measure_feel(truth.rgb, truth.mask, answer.rgb, answer.mask))
 
 

@@ -47,9 +47,9 @@ def truth() -> np.ndarray:
     """Frequencies of the bar that is recorded; what the air takes of it is not asked."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("objectfolder.audio.recordings.body.radiation_dampings", lambda *_: None)
-        other = bar(POISSON_RATIO, WALL).frequencies_hz
+        second = bar(POISSON_RATIO, WALL).frequencies_hz
     # `bar` keeps E, and the shear speed with it falls as Poisson's ratio grows.
-    return other * np.sqrt(STIFFNESS)
+    return second * np.sqrt(STIFFNESS)
 
 
 def strike(partials: list[tuple[float, float, float]], seed: int, seconds: float = 0.6) -> np.ndarray:
@@ -132,16 +132,16 @@ def exact(frequencies_hz: np.ndarray) -> Partials:
 
 
 def test_another_object_is_named_with_what_random_partials_reach(body: SolvedBody) -> None:
-    other = exact(np.sort(np.random.default_rng(3).uniform(600, LIMIT_HZ, 12)))
+    second = exact(np.sort(np.random.default_rng(3).uniform(600, LIMIT_HZ, 12)))
     with pytest.raises(InputError, match=r"of 12 partials .* random partials reach \d+%"):
-        fit_body(other, body, recordings=1, fit_wall=True)
+        fit_body(second, body, recordings=1, fit_wall=True)
 
 
 def test_partials_of_another_object_are_near_few_modes_of_a_fit(body: SolvedBody, partials: Partials) -> None:
     fit = fit_body(partials, body, recordings=2, fit_wall=True)
-    other = exact(np.sort(np.random.default_rng(3).uniform(600, LIMIT_HZ, 12)))
+    second = exact(np.sort(np.random.default_rng(3).uniform(600, LIMIT_HZ, 12)))
     assert partials_near_modes(partials, fit) == len(partials) - 1
-    assert partials_near_modes(other, fit) < 4
+    assert partials_near_modes(second, fit) < 4
 
 
 def test_one_partial_of_a_pair_stands_for_both() -> None:

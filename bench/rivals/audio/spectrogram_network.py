@@ -39,14 +39,14 @@ def spectrogram(sounds: ArrayLike) -> NDArray[np.complex128]:
     Periodic Hann window of 400 samples in the middle of 512, hop 160, frames centred on multiples of the
     hop, silence before and after.
     """
-    given = torch.as_tensor(np.array(sounds, dtype=np.float64).reshape(-1, SAMPLES))
-    return np.asarray(torch.stft(given, **_transform(), pad_mode="constant", return_complex=True).numpy())
+    batch = torch.as_tensor(np.array(sounds, dtype=np.float64).reshape(-1, SAMPLES))
+    return np.asarray(torch.stft(batch, **_transform(), pad_mode="constant", return_complex=True).numpy())
 
 
 def inverse_spectrogram(transform: ArrayLike) -> Floats:
     """Sounds (n, 32000) whose spectrogram is nearest in squares to `transform` (n, 257, 201)."""
-    given = torch.as_tensor(np.array(transform, dtype=np.complex128).reshape(-1, BINS, FRAMES))
-    return np.asarray(torch.istft(given, **_transform(), length=SAMPLES).numpy())
+    batch = torch.as_tensor(np.array(transform, dtype=np.complex128).reshape(-1, BINS, FRAMES))
+    return np.asarray(torch.istft(batch, **_transform(), length=SAMPLES).numpy())
 
 
 def _transform() -> dict[str, Any]:

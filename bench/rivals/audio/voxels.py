@@ -187,15 +187,15 @@ def _solve(
                 tolerance=tolerance,
                 seed=seed,
             ).values
-        kept = int(np.count_nonzero(values < below))
+        mode_count = int(np.count_nonzero(values < below))
         with watch.step("count"):
             # Of a small pencil all eigenvalues were computed.
-            counted = count_below(pencil, below) if pencil.size > DENSE else kept
-        if counted == kept:
-            return values[:kept]
+            counted = count_below(pencil, below) if pencil.size > DENSE else mode_count
+        if counted == mode_count:
+            return values[:mode_count]
     raise SimulationError(
         "voxel modes",
-        f"inertia counts {counted} elastic modes, {kept} were found",
+        f"inertia counts {counted} elastic modes, {mode_count} were found",
         "Lower the frequency limit or allow more modes.",
     )
 

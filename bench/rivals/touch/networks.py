@@ -37,7 +37,7 @@ MOST_TILT_DEG = 15.0
 DEPTHS_M = (0.0005, 0.002)
 # The gel is convex towards the object and seen nearly along its axis: each step halves the error or better.
 STEPS_ALONG_RAYS = 24
-ASKED = ("points", "depth_m", "tilt_deg", "azimuth_deg")
+QUERY_FIELDS = ("points", "depth_m", "tilt_deg", "azimuth_deg")
 
 
 @dataclass(frozen=True)
@@ -105,19 +105,19 @@ class TouchNetwork:
         images = [render_deformation(self.sensor, deformation) for deformation in maps]
         return np.stack(images) if images else np.zeros((*maps.shape, 3), dtype=np.uint8)
 
-    def _values(self, points: np.ndarray, *held: float | np.ndarray) -> np.ndarray:
+    def _values(self, points: np.ndarray, *holding: float | np.ndarray) -> np.ndarray:
         """Outputs (n, height, width, outputs) float32."""
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
             raise InputError(
                 "points", f"shape {points.shape} or values are not (n, 3) finite", "Give metres."
             )
-        held = np.broadcast_arrays(*held, np.zeros(len(points)))[:3]
+        holding = np.broadcast_arrays(*holding, np.zeros(len(points)))[:3]
         shape = self.sensor.image_height, self.sensor.image_width
         rows, columns = (part.ravel() for part in np.indices(shape))
         scaled = (points - self.lowest_m) / self.extent_m
         images = []
-        for press in zip(scaled, *held, strict=True):
+        for press in zip(scaled, *holding, strict=True):
             of_pixels = (np.broadcast_to(part, (len(rows), *np.shape(part))) for part in press)
             coordinates = _coordinates(self.name, *of_pixels, rows, columns, shape)
             images.append(self.network.answers(coordinates)[:, 0].reshape(*shape, -1))
@@ -151,7 +151,7 @@ def fit_touch_network(
     chosen = np.flatnonzero(~touches["held_out"])
     if len(chosen) == 0:
         raise InputError("touches", "every touch is held out", "Simulate touches to train on.")
-    points, *held = (np.asarray(touches[key])[chosen] for key in ASKED)
+    points, *holding = (np.asarray(touches[key])[chosen] for key in QUERY_FIELDS)
     lowest = float(points.min())
     extent = max(float(points.max()) - lowest, 1e-12)
     scaled = (points - lowest) / extent
@@ -164,8 +164,8 @@ def fit_touch_network(
 
     def loss(network: Perceptrons, generator: np.random.Generator) -> Tensor:
         touch, row, column = (generator.integers(size, size=batch_pixels) for size in images.shape[:3])
-        asked = (part[touch] for part in (scaled, *held))
-        coordinates = single(_coordinates(name, *asked, row, column, shape))
+        fields = (part[touch] for part in (scaled, *holding))
+        coordinates = single(_coordinates(name, *fields, row, column, shape))
         return (network(coordinates)[:, 0] - single(images[touch, row, column])).square().mean()
 
     start = images.mean(axis=(0, 1, 2), dtype=np.float64)[None]

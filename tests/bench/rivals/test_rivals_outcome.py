@@ -18,24 +18,24 @@ def row(name: str, *ours: tuple[float, float]) -> dict:
 
 
 def test_seconds_to_the_same_error_are_interpolated_between_sample_counts():
-    found = at_foreground([row("a", (39.0, 0.01), (48.0, 0.05), (60.0, 0.2)), row("b", (44.0, 0.02))])
+    points = at_foreground([row("a", (39.0, 0.01), (48.0, 0.05), (60.0, 0.2)), row("b", (44.0, 0.02))])
     # Cycles has 40 dB by 4 samples, in 0.4 s.
-    assert found["40"]["times_faster"] == {
+    assert points["40"]["times_faster"] == {
         "a": pytest.approx(0.1 * 2**2 / 0.05),
         "b": pytest.approx(0.1 * 2**2 / 0.02),
     }
-    assert found["40"]["median_times_faster"] == pytest.approx(np.median([8.0, 20.0]))
+    assert points["40"]["median_times_faster"] == pytest.approx(np.median([8.0, 20.0]))
     # 45 dB lie between 43 and 46: seconds are interpolated by their logarithm.
-    assert found["45"]["times_faster"] == {"a": pytest.approx(0.1 * 2 ** (11 / 3) / 0.05)}
-    assert found["45"]["not_reached"] == ["b"]
+    assert points["45"]["times_faster"] == {"a": pytest.approx(0.1 * 2 ** (11 / 3) / 0.05)}
+    assert points["45"]["not_reached"] == ["b"]
 
 
 def test_beyond_cycles_sample_counts_there_is_no_figure():
     case = row("a", (60.0, 0.05))
     case["ways"] = [way for way in case["ways"] if way["way"] != "Cycles" or way["setting"] <= 4]
-    found = at_foreground([case])
-    assert set(found["40"]["times_faster"]) == {"a"}
-    assert found["45"] == {"times_faster": {}, "median_times_faster": None, "not_reached": []}
+    points = at_foreground([case])
+    assert set(points["40"]["times_faster"]) == {"a"}
+    assert points["45"] == {"times_faster": {}, "median_times_faster": None, "not_reached": []}
 
 
 def test_means_are_over_the_objects_that_have_a_measure():
