@@ -16,6 +16,21 @@ PACKAGES = ("objectfolder", "pipeline", "learning")
 FOLLOWED = ("bench", "learning", "tests")
 STALE = 100  # later commits to the code that was measured
 PARTS = ("senses", "factory")
+# Where rooms lay in earlier commits.
+FORMER = {
+    "objectfolder/export": ("objectfolder/vision/export/",),
+    "objectfolder/making/air": ("objectfolder/audio/air/",),
+    "objectfolder/making/audionet": ("objectfolder/audio/audionet/",),
+    "objectfolder/making/elements": ("objectfolder/audio/elements/",),
+    "objectfolder/making/mesh": ("objectfolder/mesh/",),
+    "objectfolder/making/modes": ("objectfolder/audio/modes/",),
+    "objectfolder/making/recordings": ("objectfolder/audio/recordings/",),
+    "objectfolder/making/sensor": ("objectfolder/touch/sensor/",),
+    "objectfolder/making/solid": ("objectfolder/solid/",),
+    "objectfolder/making/touches": ("objectfolder/touch/truth/",),
+    "objectfolder/making/views": ("objectfolder/vision/truth/",),
+    "objectfolder/making/visionnet": ("objectfolder/vision/visionnet/",),
+}
 # Modules of results that have other names.
 MODULES = {
     "gpu": "gpu/*",
@@ -91,11 +106,17 @@ def imported_rooms(name: str) -> list[str]:
             if package == "subprocess":
                 rooms |= {"objectfolder/", "pipeline/"}
             elif package in PACKAGES and rest:
-                path = ROOT / package / rest[0]
-                rooms.add(f"{package}/{rest[0]}/" if path.is_dir() else f"{package}/{rest[0]}.py")
+                rooms |= set(room_of(package, rest))
             elif package in PACKAGES:
                 rooms.add(f"{package}/")
     return sorted(rooms)
+
+
+def room_of(package: str, names: list[str]) -> list[str]:
+    """Return the room of a module, or of a file beside rooms, and where it lay before it was moved."""
+    depth = 2 if names[0] == "making" and len(names) > 1 else 1
+    room = "/".join((package, *names[:depth]))
+    return [f"{room}/" if (ROOT / room).is_dir() else f"{room}.py", *FORMER.get(room, ())]
 
 
 def imports(module: Path) -> set[str]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from learning.runs import FEWEST, digest
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.cleaning import clean
+from objectfolder.making.mesh.readers.load import load_mesh
 from objectfolder.object_file.object_file import SURFACE_TOLERANCE_M
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.contact_surface import ContactSurface

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         UnsolvableError,
     )
     from objectfolder.object_file.object_file import ObjectFile
-    from objectfolder.touch.truth.touches import Press, Touches
+    from objectfolder.touch.presses.touches import Press, Touches
     from objectfolder.vision.environment import Environment
     from objectfolder.vision.lamps import Lamps
 else:
@@ -37,7 +37,7 @@ else:
                 "UnsolvableError",
             ],
             "object_file.object_file": ["ObjectFile"],
-            "touch.truth.touches": ["Press", "Touches"],
+            "touch.presses.touches": ["Press", "Touches"],
             "vision.environment": ["Environment"],
             "vision.lamps": ["Lamps"],
         },

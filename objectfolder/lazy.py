@@ -5,9 +5,11 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
+from objectfolder.renaming import warn_of_move
+
 
 def lazy_names(
-    package: str, modules: Mapping[str, Sequence[str]]
+    package: str, modules: Mapping[str, Sequence[str]], moved: Mapping[str, Sequence[str]] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the ``__getattr__`` and ``__dir__`` of a package whose names come from its modules.
 
@@ -20,10 +22,18 @@ def lazy_names(
         ``__name__`` of the package.
     modules
         Names that each module gives, by its dotted path inside the package.
+    moved
+        Names that were here and that another package gives now, by that package: they work for one version,
+        and warn. Type checkers see them there alone.
     """
     origins = {name: f"{package}.{module}" for module, names in modules.items() for name in names}
 
+    homes = {name: home for home, names in (moved or {}).items() for name in names}
+
     def get(name: str) -> Any:
+        if name in homes:
+            warn_of_move(f"{package}.{name}", f"{homes[name]}.{name}")
+            return getattr(import_module(homes[name]), name)
         if name not in origins:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(origins[name]), name)

@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 REMOVED_IN = "0.3"
+INSIDE = (__name__, "objectfolder.lazy")
 
 
 def renamed_keywords(
@@ -104,14 +105,19 @@ def renamed_attribute(new: str) -> Any:
     return property(read)
 
 
+def warn_of_move(old: str, new: str) -> None:
+    """Warn that a name is read where it was before."""
+    _warn(f"{old} is now `{new}`; the old name goes with {REMOVED_IN}")
+
+
 def _name(function: Callable[..., object]) -> str:
     return function.__qualname__.rpartition("<locals>.")[2].removesuffix(".__init__")
 
 
 def _warn(message: str) -> None:
-    """Warn of the first line outside of this module: one function may have several of its decorators."""
+    """Warn of the first line outside of this module and of `lazy`: a function may have several decorators."""
     caller: FrameType | None = sys._getframe()
     level = 1
-    while caller is not None and caller.f_globals.get("__name__") == __name__:
+    while caller is not None and caller.f_globals.get("__name__") in INSIDE:
         level, caller = level + 1, caller.f_back
     warnings.warn(message, DeprecationWarning, stacklevel=level)

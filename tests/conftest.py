@@ -30,7 +30,7 @@ from objectfolder.products.provenance import fingerprint
 from tests import cpu_seconds, drawn_examples, release_half
 
 if TYPE_CHECKING:
-    from objectfolder.mesh.mesh import TexturedMesh
+    from objectfolder.surface.textured_mesh import TexturedMesh
 
 REPOSITORY = Path(__file__).parents[1]
 COLLECTED = pytest.StashKey[list[str]]()

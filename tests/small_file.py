@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from objectfolder.audio.damping import RAYLEIGH
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.fidelity.verification import verify_object
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.object_file.encoding import encode_object
+from objectfolder.making.damping import RAYLEIGH
+from objectfolder.making.encoding import encode_object
+from objectfolder.making.materials import read_materials
+from objectfolder.making.modes.modes import simulate_modes
+from objectfolder.making.touches.record import simulate_touches
+from objectfolder.making.views.views import simulate_views
 from objectfolder.products.store import write_product
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.record import simulate_touches
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.truth.views import simulate_views
 
 FOLDER = Path(__file__).parent / "data" / "bar"
 NAME = "bar.safetensors"

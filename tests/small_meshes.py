@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.surface import Surface
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 CUBE_VERTICES = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)], dtype=np.float64

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import objectfolder
-from objectfolder.audio.audionet.fitting import fit_audionet
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.absent import LEFT_OUT, absent_modes
 from objectfolder.errors import InputError, QueryError, UnsolvableError
 from objectfolder.fidelity.sound import measure_sound
-from objectfolder.mesh.body import body_of
-from objectfolder.mesh.ingest import ingest_object
+from objectfolder.making.audionet.fitting import fit_audionet
+from objectfolder.making.materials import read_materials
+from objectfolder.making.mesh.body import body_of
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.modes.absent import LEFT_OUT, absent_modes
+from objectfolder.making.solid.solid import Solid
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Product, read_attributes, write_product
-from objectfolder.solid.solid import Solid
 from objectfolder.surface.codec import encode_surface
 from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.task import Request
@@ -45,7 +45,7 @@ def test_an_object_that_cannot_be_filled_has_modes_that_say_why_there_are_none(
     def refuse(*_: object, **__: object) -> Solid:  # as `fill` does a sheet, after trying what takes long
         raise UnsolvableError("sheet", REASON, "State wall_m")
 
-    monkeypatch.setattr("objectfolder.audio.modes.modes.fill", refuse)
+    monkeypatch.setattr("objectfolder.making.modes.modes.fill", refuse)
     modes = _modes(tmp_path, ["vision", "audio", "touch"])
     assert modes.attributes["absent"] == f"{REASON}. State wall_m"
     assert REASON in modes.attributes["warnings"][0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.mesh.body import body_of
-from objectfolder.mesh.ingest import ingest_object
+from objectfolder.making.mesh.body import body_of
+from objectfolder.making.mesh.ingest import ingest_object
 
 FILLED = {
     "volume_m3": 1e-3,

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from small_meshes import write_textured_cube
 
-from objectfolder.audio.materials import read_materials
 from objectfolder.errors import InputError
+from objectfolder.making.materials import read_materials
 from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.records import row_of
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from objectfolder.audio.air import helmholtz
-from objectfolder.device import CPU, DEVICE, torch_device
 from objectfolder.errors import SimulationError
+from objectfolder.making.air import helmholtz
+from objectfolder.making.device import CPU, DEVICE, torch_device
 
 
 def test_a_device_that_is_not_there_is_named(monkeypatch):

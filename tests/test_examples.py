@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import trimesh
 
-from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.object_file import ObjectFile
+from objectfolder.surface.textured_mesh import TexturedMesh
 from tests.docstring_examples import run_example
 from tests.test_public_names import DOCUMENTED, named_by
 
@@ -38,8 +38,8 @@ def public() -> dict[str, Callable[..., Any]]:
 
 PUBLIC = public()
 SLOW = (
-    "objectfolder.audio.simulate_modes", "objectfolder.fidelity.verify_object",
-    "objectfolder.vision.simulate_views",
+    "objectfolder.making.simulate_modes", "objectfolder.fidelity.verify_object",
+    "objectfolder.making.simulate_views",
 )  # fmt: skip
 
 

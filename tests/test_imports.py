@@ -7,10 +7,10 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[1]
 BORDERS = {
-    "objectfolder/vision/truth/cycles.py": "bpy",
-    "objectfolder/mesh/readers/blender_process.py": "bpy",
+    "objectfolder/making/views/cycles.py": "bpy",
+    "objectfolder/making/mesh/readers/blender_process.py": "bpy",
     "pipeline/run/decimation_process.py": "bpy",
-    "objectfolder/touch/truth/opengl.py": "pyrender",
+    "objectfolder/making/touches/opengl.py": "pyrender",
 }
 
 

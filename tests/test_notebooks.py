@@ -21,8 +21,8 @@ ALWAYS = "look_strike_press"
 PACKAGES = {
     "audit_of_two_versions": ("pipeline.audit", "pipeline.cli", "pipeline.run"),
     "drop_and_listen": ("objectfolder.audio", "objectfolder.live", "objectfolder.vision"),
-    "material_from_a_recording": ("objectfolder.audio", "objectfolder.solid"),
-    "sound_of_thickness": ("objectfolder.audio", "objectfolder.mesh", "objectfolder.solid"),
+    "material_from_a_recording": ("objectfolder.audio", "objectfolder.making"),
+    "sound_of_thickness": ("objectfolder.audio", "objectfolder.making"),
     "squeeze_and_feel": ("objectfolder.live", "objectfolder.touch"),
     "train_on_touch": ("objectfolder.dataset", "objectfolder.touch"),
     "your_own_mesh": ("pipeline.cli", "pipeline.run", "pipeline.tasks"),

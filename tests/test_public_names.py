@@ -86,7 +86,7 @@ RESULTS = {"objectfolder.audio.ObjectStream", "objectfolder.touch.Touches"}
 ENCODING = {
     "objectfolder.object_file.ObjectFile.__init__",
     "objectfolder.object_file.ObjectFile.of_encoders",
-    "objectfolder.object_file.encode_object",
+    "objectfolder.making.encode_object",
 }
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.recordings.recording import read_recording
 from objectfolder.dataset.reading import ProductReader
 from objectfolder.errors import ObjectFolderError
-from objectfolder.mesh.readers.files import read_bytes
+from objectfolder.making.materials import read_materials
+from objectfolder.making.mesh.readers.files import read_bytes
+from objectfolder.making.recordings.recording import read_recording
 from objectfolder.products.provenance import file_digest
 from objectfolder.products.regular_file import open_regular, read_regular
 from objectfolder.products.store import read_attributes, read_product

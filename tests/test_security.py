@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import yaml
 
-from objectfolder.audio.materials import read_materials
 from objectfolder.errors import FormatError, InputError
-from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.materials import read_materials
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.store import Array, Product, read_product, write_product
 from objectfolder.touch.sensor.photometric_table import PhotometricTable

@@ -25,14 +25,14 @@ from bench.factory.engines import (
 from bench.record import conclude, cpu_seconds, rows_of
 from bench.senses.catalogue import Scans, scan_arguments
 from objectfolder.errors import ObjectFolderError
+from objectfolder.export.files import Credit
+from objectfolder.export.textured_surface import mesh_parts
+from objectfolder.making.solid.filling import fill
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import write_asset
-from objectfolder.solid.filling import fill
 from objectfolder.surface.integrals import solid_properties
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.files import Credit
-from objectfolder.vision.export.textured_surface import mesh_parts
 from pipeline.publish.scenes.stable_poses import stable_poses
 
 COMPARED = (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from bench.reality.row import Aim, Row
-from objectfolder.audio.recordings.fitting import PAIR_CENTS
+from objectfolder.making.recordings.fitting import PAIR_CENTS
 from pipeline.publish.queries.requests import FittingOfSound
 from pipeline.publish.queries.sound_fit import fit_sounds
 

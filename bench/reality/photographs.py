@@ -8,17 +8,18 @@ from trimesh.creation import icosphere
 
 from bench.reality.row import Aim, Row
 from bench.record import cpu_seconds
+from objectfolder.making import calibrate
+from objectfolder.making.sensor.ball_prints import Print
+from objectfolder.making.sensor.own_calibration import OwnCalibration
 from objectfolder.surface.surface import Surface
-from objectfolder.touch import calibrate, read_sensor
+from objectfolder.touch import read_sensor
 from objectfolder.touch.contact.patch import FacePatches
-from objectfolder.touch.sensor.ball_prints import Print
+from objectfolder.touch.presses.press import render_poses
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.magnification import at_magnification, pixels_per_metre
-from objectfolder.touch.sensor.own_calibration import OwnCalibration
 from objectfolder.touch.sensor.reading import calibrated
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import render_poses
 
 BALL_M = 0.00235
 GELSIGHT_PIXELS_A_METRE = 19580.0

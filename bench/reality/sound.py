@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from bench.reality.row import Aim, Row
 from bench.record import REPOSITORY, cpu_seconds
-from objectfolder.audio.damping import damping_of
-from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis.support import LYING_PER_S
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.damping import damping_of
+from objectfolder.making.materials import Material, read_materials
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.modes.modes import simulate_modes
 from objectfolder.products.store import Product
+from objectfolder.surface.textured_mesh import textured_mesh_of
 
 Floats = NDArray[np.float64]
 MATERIALS = REPOSITORY / "data" / "materials.csv"

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from bench.record import REPOSITORY, conclude, cpu_seconds, kept, rows_of, spread
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
-from objectfolder.audio.air.radiation import Radiation, radiate
-from objectfolder.audio.air.radiation_product import radiation_of
 from objectfolder.audio.air.transfer import AirTransfer
-from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.audio.modes.modes import simulate_modes
+from objectfolder.making.air.radiation import Radiation, radiate
+from objectfolder.making.air.radiation_product import radiation_of
+from objectfolder.making.materials import Material, find_material, read_materials
+from objectfolder.making.modes.modes import simulate_modes
 from objectfolder.surface.surface import Surface
 from pipeline.intake.starter.write import write_starter_set
 from tests.references.bodies import BODIES

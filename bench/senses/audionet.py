@@ -14,7 +14,6 @@ import numpy as np
 from bench.record import conclude, rows_of, spread
 from bench.senses.catalogue import Scans, scan_arguments, scan_set
 from objectfolder.audio.audionet.audionet import AudioNet
-from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.fidelity.sounds import (
     envelope_distance,
@@ -24,6 +23,7 @@ from objectfolder.fidelity.sounds import (
     stft_distance,
     unscaled_stft_distance,
 )
+from objectfolder.making.audionet.fitting import fit_audionet
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.record import REPOSITORY, arguments
-from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.audio.modes.modes import simulate_modes
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
+from objectfolder.making.materials import Material, find_material, read_materials
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.modes.modes import simulate_modes
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.surface.surface import Surface
+from objectfolder.surface.textured_mesh import TexturedMesh, textured_mesh_of
 from pipeline.dataset.catalogue import read_catalogue
 
 FOLDER = Path(os.environ.get("OBJECTFOLDER_SCANS", REPOSITORY.parent / "shared" / "objects"))

@@ -15,11 +15,12 @@ import numpy as np
 import objectfolder
 from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept, rows_of, spread
 from objectfolder.fidelity.conditions import measure_conditions
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.views.conditions import render_conditions
+from objectfolder.making.views.render_request import unit_scene
 from objectfolder.products.store import Product, read_attributes, read_product, write_product
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.truth.conditions import CONDITIONS, render_conditions
-from objectfolder.vision.truth.render_request import unit_scene
+from objectfolder.vision.conditions import CONDITIONS
 
 VIEWS, SAMPLES = 2, 256
 COMPARED = (

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from bench.record import arguments, conclude, kept
 from bench.senses.air import starter_set
-from objectfolder.audio.damping import damping_of
 from objectfolder.audio.synthesis.collision import Collider, collide
 from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody
 from objectfolder.audio.synthesis.sources import Motion, along
 from objectfolder.audio.synthesis.struck_body import RigidBody, StruckBody
+from objectfolder.making.damping import damping_of
 from objectfolder.surface.integrals import solid_properties
 from tests.references.coupled_contact import coupled_contact
 from tests.references.free_modes import FreeModes

@@ -17,6 +17,8 @@ from bench.record import arguments, conclude, kept
 from bench.senses.air import starter_set
 from bench.senses.catalogue import Scans
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA
+from objectfolder.making.views.cycles_process import render_in_children
+from objectfolder.making.views.render_request import Scene, Shots, unit_scene
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.texture_lookup import bilinear
@@ -33,9 +35,8 @@ from objectfolder.vision.cameras import (
 from objectfolder.vision.compiled.lighting import LitSurface, Points
 from objectfolder.vision.compiled.principled import Principled
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
+from objectfolder.vision.lamps import LIGHT_POWER_W
 from objectfolder.vision.network.incidence import UnitSurface
-from objectfolder.vision.truth.cycles_process import render_in_children
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W, Scene, Shots, unit_scene
 
 OBJECTS = ("mug", "bell")
 RESOLUTION, VIEWS, SAMPLES, SUB_RAYS = 128, 4, 512, 64

@@ -24,13 +24,13 @@ from bench.rivals.audio import calculix
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, MAX_MODES, Outcome, compare
 from bench.rivals.audio.voxels import voxel_modes
 from bench.senses.catalogue import MATERIALS
-from objectfolder.audio.elements.elasticity import ElementMatrices
-from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes.eigen import count_below, lowest_elastic
-from objectfolder.audio.modes.modes import modes_of_solid, waves_of
-from objectfolder.audio.modes.spectrum import pencil_of, space_on
-from objectfolder.solid.filling import fill
-from objectfolder.solid.solid import Solid, clean
+from objectfolder.making.elements.elasticity import ElementMatrices
+from objectfolder.making.materials import Material, read_materials
+from objectfolder.making.modes.eigen import count_below, lowest_elastic
+from objectfolder.making.modes.modes import modes_of_solid, waves_of
+from objectfolder.making.modes.spectrum import pencil_of, space_on
+from objectfolder.making.solid.filling import fill
+from objectfolder.making.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
 from tests.references.bodies import BODIES
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from bench.record import arguments, conclude, cpu_seconds, kept
 from bench.senses.air import starter_set
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
-from objectfolder.audio.air.radiation import radiate
-from objectfolder.audio.air.radiation_loss import dampings_of, radiation_dampings
-from objectfolder.audio.damping import damping_of
 from objectfolder.audio.synthesis.air import quadrupole_efficiency
+from objectfolder.making.air.radiation import radiate
+from objectfolder.making.air.radiation_loss import dampings_of, radiation_dampings
+from objectfolder.making.damping import damping_of
 from objectfolder.surface.surface import Surface
 from tests.references.free_modes import FreeModes
 

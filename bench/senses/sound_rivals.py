@@ -25,9 +25,9 @@ from bench.rivals.audio.spectrogram_network import SAMPLE_RATE_HZ, fit_spectrogr
 from bench.rivals.audio.vertex_mean import nearest_vertex_mean
 from bench.senses.audionet import DURATION_S, struck
 from bench.senses.catalogue import Scans, scan_arguments
-from objectfolder.audio.audionet.fitting import fit_audionet
 from objectfolder.audio.synthesis import mode_bank
 from objectfolder.fidelity.sounds import envelope_distance, gain_error_db, stft_distance
+from objectfolder.making.audionet.fitting import fit_audionet
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.surface import Surface

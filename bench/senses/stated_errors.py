@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 from bench.record import arguments, conclude, cpu_seconds, rows_of
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, MAX_MODES, compare
 from bench.senses.catalogue import MATERIALS
-from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes.modes import ACCURACY_CENTS, SPHERE, simulate_modes
+from objectfolder.making.materials import Material, read_materials
+from objectfolder.making.modes.modes import ACCURACY_CENTS, SPHERE, simulate_modes
 from objectfolder.surface.surface import Surface
 from tests.references import bodies, held_out, thin_walls
 from tests.references.cuboid import cuboid

@@ -10,15 +10,15 @@ import numpy as np
 from bench.record import cpu_seconds
 from bench.senses.catalogue import Scans
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight
+from objectfolder.making.views.views import simulate_views
+from objectfolder.making.visionnet.fitting import fit_visionnet
+from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.fitting import fit_visionnet
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 

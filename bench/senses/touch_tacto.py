@@ -23,11 +23,11 @@ from bench.senses.catalogue import Scans, scan_arguments, scan_set
 from objectfolder.fidelity.images import ssim
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.presses.press import press, render_poses
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.reading import calibrated
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import press, render_poses
-from objectfolder.touch.truth.touches import Press
 
 SAMPLES = (1, 2, 3, 4)
 NORMALS = ("vertex", "crease")

@@ -11,17 +11,17 @@ import numpy as np
 
 from bench.rivals.touch.networks import QUERY_FIELDS, RIVALS, fit_touch_network
 from objectfolder.fidelity.feel import measure_feel
+from objectfolder.making.touches.opengl import OpenGLRenderer
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import Product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.presses.press import press
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.opengl import OpenGLRenderer
-from objectfolder.touch.truth.press import press
-from objectfolder.touch.truth.record import simulate_touches
-from objectfolder.touch.truth.touches import Press
 
 SAMPLES, TRUTH_SAMPLES = (1, 2, 3, 4), 8
 SIZES = ((160, 120), (320, 240), (640, 480))

@@ -16,11 +16,11 @@ from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.subject import Subject, errors
 from bench.senses.vision_objects import COUNTS
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_within
+from objectfolder.making.views.cycles_process import render_in_children
+from objectfolder.making.views.passes import with_cast_coverage
+from objectfolder.making.views.render_request import Shots, unit_scene
 from objectfolder.vision.cameras import CAMERA_RADIUS, FIELD_OF_VIEW_DEG, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.truth.cycles_process import render_in_children
-from objectfolder.vision.truth.passes import with_cast_coverage
-from objectfolder.vision.truth.render_request import Shots, unit_scene
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 RESOLUTION, VIEWS, SAMPLES, MOST_SAMPLES = 128, 4, 64, 1024

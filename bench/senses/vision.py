@@ -29,10 +29,10 @@ from bench.senses.catalogue import Scans, scan_arguments
 from bench.senses.subject import Subject, ViewCounts
 from bench.senses.vision_outcome import COMPARED, figures_of
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight, trivial_answer
+from objectfolder.making.views.render_request import Shots, save_request, unit_scene
+from objectfolder.making.visionnet.fitting import MATERIALS
 from objectfolder.vision.cameras import CAMERA_RADIUS, LIGHT_RADIUS, look_at, uniform_on_sphere
 from objectfolder.vision.compositing import composite_on_white, on_white
-from objectfolder.vision.truth.render_request import Shots, save_request, unit_scene
-from objectfolder.vision.visionnet.fitting import MATERIALS
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZES = (128, 256)

@@ -15,9 +15,9 @@ import numpy as np
 from bench.record import conclude, cpu_seconds, kept, rows_of, spread
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments, scan_set
 from bench.senses.subject import Subject, ViewCounts, errors
-from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.fidelity.sight import trivial_answer
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.materials import Material, find_material, read_materials
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG
 from objectfolder.vision.compositing import on_white
 

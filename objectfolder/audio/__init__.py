@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING
 from objectfolder.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material, read_materials
-    from objectfolder.audio.modes.modes import simulate_modes
     from objectfolder.audio.synthesis.air import Air, Listener
     from objectfolder.audio.synthesis.bank import driven_bank, mode_bank
     from objectfolder.audio.synthesis.hertz import ContactBody, HertzContact, mass_at_contact
@@ -20,8 +18,6 @@ else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "materials": ["Material", "read_materials"],
-            "modes.modes": ["simulate_modes"],
             "synthesis.air": ["Air", "Listener"],
             "synthesis.bank": ["driven_bank", "mode_bank"],
             "synthesis.hertz": ["ContactBody", "HertzContact", "mass_at_contact"],
@@ -32,6 +28,7 @@ else:
             "synthesis.voices": ["Voices"],
             "synthesis.wav": ["listening_gain", "write_wav"],
         },
+        {"objectfolder.making": ["Material", "read_materials", "simulate_modes"]},
     )
 
 __all__ = [
@@ -39,7 +36,6 @@ __all__ = [
     "ContactBody",
     "HertzContact",
     "Listener",
-    "Material",
     "ObjectStream",
     "Sound",
     "SoundQueries",
@@ -50,7 +46,5 @@ __all__ = [
     "listening_gain",
     "mass_at_contact",
     "mode_bank",
-    "read_materials",
-    "simulate_modes",
     "write_wav",
 ]

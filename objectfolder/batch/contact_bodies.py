@@ -29,9 +29,9 @@ from objectfolder.touch.contact.tree_queries import (
     in_balls,
     near_gel,
 )
+from objectfolder.touch.presses.touches import TOLERANCE_M
 from objectfolder.touch.rendering.gather import _normal_map
 from objectfolder.touch.rendering.rasterise import _edges
-from objectfolder.touch.truth.touches import TOLERANCE_M
 
 first_touch_pose = compiled_copy(
     first_touch._first_touch_pose,

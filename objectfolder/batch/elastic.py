@@ -17,10 +17,10 @@ from objectfolder.batch.resident import upload
 from objectfolder.batch.targets import Tensor, torch
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.influence import compliance
+from objectfolder.touch.presses.elastic_press import _cells
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, ray_grid
 from objectfolder.touch.sensor.gel import gel_constants
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.elastic_press import _cells
 
 # Of the depth, how far above the gel faces count: it bulges by less.
 BULGE_MARGIN = 1.5

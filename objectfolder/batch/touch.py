@@ -12,14 +12,14 @@ from objectfolder.batch.resident import closest, joined, numbers, object_indices
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.presses.elastic_press import greatest_depth_m
+from objectfolder.touch.presses.touches import DEFAULT_DEPTH_M, TOLERANCE_M, Press, saturation_depth_m
 from objectfolder.touch.rendering.surroundings import surroundings
 from objectfolder.touch.sensor.camera import DEPTH_STEPS_PER_M, coverage_grid, no_contact_image
 from objectfolder.touch.sensor.gel import gel_constants
 from objectfolder.touch.sensor.point_lights import point_lights
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.table_lighting import table_lighting
-from objectfolder.touch.truth.elastic_press import greatest_depth_m
-from objectfolder.touch.truth.touches import DEFAULT_DEPTH_M, TOLERANCE_M, Press, saturation_depth_m
 
 PRECISIONS = {"single": np.float32, "double": np.float64}
 

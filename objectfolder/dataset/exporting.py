@@ -14,8 +14,8 @@ from objectfolder.audio.synthesis.wav import wav_bytes
 from objectfolder.dataset.order import batches_of_few_objects
 from objectfolder.dataset.samples import ObjectSamples
 from objectfolder.errors import InputError
+from objectfolder.export.files import MANIFEST, Credit, new_folder, write_json
 from objectfolder.extras import needs_extra
-from objectfolder.vision.export.files import MANIFEST, Credit, new_folder, write_json
 
 with needs_extra("dataset"):
     from PIL import Image

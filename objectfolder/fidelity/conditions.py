@@ -6,7 +6,7 @@ from objectfolder.fidelity.sight import foreground_alpha, measure_within
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.vision.compositing import on_white
-from objectfolder.vision.truth.conditions import CONDITIONS
+from objectfolder.vision.conditions import CONDITIONS
 
 CONDITION_DEFINITIONS = {
     "vision.psnr_CONDITION_db": (

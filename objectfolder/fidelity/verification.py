@@ -17,8 +17,8 @@ from objectfolder.fidelity.sounds import stft_distance
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.codec import decode_surface, encode_surface
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.touches import Press
 
 PICTURES = 4
 TURNTABLE_FRAMES, TURNTABLE_PIXELS, TURNTABLE_SUB_RAYS = 8, 220, 4
@@ -55,7 +55,8 @@ def verify_object(file: ObjectFile, views: Product, modes: Product, touches: Pro
     --------
     >>> import objectfolder
     >>> from objectfolder.products import read_product
-    >>> from objectfolder.touch import Sensor, simulate_touches
+    >>> from objectfolder.making import simulate_touches
+    >>> from objectfolder.touch import Sensor
     >>> bar = objectfolder.load("bar.safetensors")
     >>> views, modes = read_product("views.zarr.zip"), read_product("modes.zarr.zip")
     >>> touches = simulate_touches(bar.surface, Sensor(), touches=0, held_out_touches=2, seed=0)

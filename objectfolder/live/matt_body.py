@@ -9,7 +9,7 @@ from objectfolder.live.scene_light import BodyLight
 from objectfolder.live.scene_view import CENTRE, Crop, View
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.environment import Environment
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+from objectfolder.vision.lamps import LIGHT_POWER_W
 
 Floats = NDArray[np.float64]
 PIXEL_OFFSETS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])  # of a pixel

@@ -15,8 +15,7 @@ from objectfolder.live.scene_view import CENTRE, Crop, View, inverse_pose
 from objectfolder.live.surroundings import wood_albedo
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.vision.environment import Environment
-from objectfolder.vision.lamps import Lamps
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+from objectfolder.vision.lamps import LIGHT_POWER_W, Lamps
 
 Floats = NDArray[np.float64]
 TABLE_ALBEDO = (0.42, 0.36, 0.3)

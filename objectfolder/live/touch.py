@@ -19,10 +19,10 @@ from objectfolder.touch.elastic.contact_problem import Contact, solve_contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.markers import Markers, moved_markers
 from objectfolder.touch.elastic.shear import Shear, solve_shear
+from objectfolder.touch.presses.elastic_press import greatest_depth_m
+from objectfolder.touch.presses.touches import TOLERANCE_M, saturation_depth_m
 from objectfolder.touch.rendering.simulator import Near, Simulator, TouchImage
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.elastic_press import greatest_depth_m
-from objectfolder.touch.truth.touches import TOLERANCE_M, saturation_depth_m
 
 Floats = NDArray[np.float64]
 # Of the largest friction: engines bring a body that slides to a little less.

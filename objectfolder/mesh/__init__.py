@@ -1,21 +1,11 @@
-"""From a file to a clean mesh of known length."""
-
-from typing import TYPE_CHECKING
+"""Names that were here: meshes are read by `objectfolder.making`, and held by `objectfolder.surface`."""
 
 from objectfolder.lazy import lazy_names
 
-if TYPE_CHECKING:
-    from objectfolder.mesh.ingest import ingest_object
-    from objectfolder.mesh.mesh import TexturedMesh
-    from objectfolder.mesh.readers.load import load_mesh
-else:
-    __getattr__, __dir__ = lazy_names(
-        __name__,
-        {
-            "ingest": ["ingest_object"],
-            "mesh": ["TexturedMesh"],
-            "readers.load": ["load_mesh"],
-        },
-    )
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {},
+    {"objectfolder.making": ["ingest_object", "load_mesh"], "objectfolder.surface": ["TexturedMesh"]},
+)
 
-__all__ = ["TexturedMesh", "ingest_object", "load_mesh"]
+__all__: list[str] = []

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from objectfolder.errors import InputError
+from objectfolder.export.files import Credit
+from objectfolder.export.gltf import Part
 from objectfolder.surface.convex_parts import ConvexParts
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.files import Credit
-from objectfolder.vision.export.gltf import Part
 
 Floats = NDArray[np.float64]
 

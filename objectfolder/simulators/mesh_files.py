@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from objectfolder.export.gltf import Part
 from objectfolder.simulators.asset import Asset
 from objectfolder.surface.surface import Surface
-from objectfolder.vision.export.gltf import Part
 
 SURFACE = "surface.obj"
 

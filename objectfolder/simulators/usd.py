@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from objectfolder.export.gltf import Part
 from objectfolder.extras import needs_extra
 from objectfolder.simulators.asset import Asset, RigidBody
 from objectfolder.simulators.mesh_files import collision_name, visual_name
-from objectfolder.vision.export.gltf import Part
 
 
 def write_usd(path: Path, asset: Asset) -> None:

@@ -6,12 +6,14 @@ from objectfolder.lazy import lazy_names
 
 if TYPE_CHECKING:
     from objectfolder.surface.surface import Surface
+    from objectfolder.surface.textured_mesh import TexturedMesh
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
             "surface": ["Surface"],
+            "textured_mesh": ["TexturedMesh"],
         },
     )
 
-__all__ = ["Surface"]
+__all__ = ["Surface", "TexturedMesh"]

@@ -10,15 +10,12 @@ if TYPE_CHECKING:
     from objectfolder.touch.elastic.markers import Markers, moved_markers
     from objectfolder.touch.elastic.shear import Shear, solve_shear, unsheared
     from objectfolder.touch.picture_force import PictureForce, force_of
-    from objectfolder.touch.sensor.calibration import fit_table
+    from objectfolder.touch.presses.press import press
+    from objectfolder.touch.presses.touches import Press, Touches
     from objectfolder.touch.sensor.marker_grid import MarkerGrid
-    from objectfolder.touch.sensor.own_calibration import OwnCalibration, calibrate
     from objectfolder.touch.sensor.sensor import Sensor
     from objectfolder.touch.sensor.sensor_file import make_table, read_sensor
     from objectfolder.touch.touch_queries import TouchQueries
-    from objectfolder.touch.truth.press import press
-    from objectfolder.touch.truth.record import simulate_touches
-    from objectfolder.touch.truth.touches import Press, Touches
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
@@ -28,16 +25,14 @@ else:
             "elastic.markers": ["Markers", "moved_markers"],
             "elastic.shear": ["Shear", "solve_shear", "unsheared"],
             "picture_force": ["PictureForce", "force_of"],
-            "sensor.calibration": ["fit_table"],
             "sensor.marker_grid": ["MarkerGrid"],
-            "sensor.own_calibration": ["OwnCalibration", "calibrate"],
             "sensor.sensor": ["Sensor"],
             "sensor.sensor_file": ["make_table", "read_sensor"],
             "touch_queries": ["TouchQueries"],
-            "truth.press": ["press"],
-            "truth.record": ["simulate_touches"],
-            "truth.touches": ["Press", "Touches"],
+            "presses.press": ["press"],
+            "presses.touches": ["Press", "Touches"],
         },
+        {"objectfolder.making": ["OwnCalibration", "calibrate", "fit_table", "simulate_touches"]},
     )
 
 __all__ = [
@@ -45,22 +40,18 @@ __all__ = [
     "Elastomer",
     "MarkerGrid",
     "Markers",
-    "OwnCalibration",
     "PictureForce",
     "Press",
     "Sensor",
     "Shear",
     "TouchQueries",
     "Touches",
-    "calibrate",
-    "fit_table",
     "force_depth_curve",
     "force_of",
     "make_table",
     "moved_markers",
     "press",
     "read_sensor",
-    "simulate_touches",
     "solve_contact",
     "solve_shear",
     "unsheared",

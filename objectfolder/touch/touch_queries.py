@@ -13,9 +13,9 @@ from objectfolder.forks import hold_forks
 from objectfolder.query_values import LARGEST_SEED, MOST_SAMPLED, whole
 from objectfolder.renaming import renamed_keywords
 from objectfolder.surface.contact_surface import ContactSurface
+from objectfolder.touch.presses.touches import Press, Reach, Touches
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.touches import Press, Reach, Touches
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")

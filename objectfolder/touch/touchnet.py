@@ -18,10 +18,10 @@ from objectfolder.errors import FormatError, QueryError
 from objectfolder.products.stored_values import whole_number
 from objectfolder.query_values import LARGEST_SEED, image_sides, point_rows, require_room, whole
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.touches import CONTACTS, Press, Reach, Touches
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.reading import calibrated, checked_background, with_noise
 from objectfolder.touch.sensor.sensor import Sensor, stored_sensor
-from objectfolder.touch.truth.touches import CONTACTS, Press, Reach, Touches
 
 if TYPE_CHECKING:
     from objectfolder.touch.contact.patch import FacePatches
@@ -96,7 +96,7 @@ class TouchNet:
         QueryError
             As `press` raises, an image that the sensor cannot take, or a background of another size than it.
         """
-        from objectfolder.touch.truth.press import press
+        from objectfolder.touch.presses.press import press
 
         query = Press(samples=self.samples) if query is None else query
         points, sensor = point_rows(points, "points"), self.sensor
@@ -128,7 +128,7 @@ class TouchNet:
 
     def reach(self, points: NDArray[np.float64], query: Press, rolls: int = 24) -> Reach:
         """Try presses at several rolls; see `ObjectFile.reach`."""
-        from objectfolder.touch.truth.press import reach
+        from objectfolder.touch.presses.press import reach
 
         return reach(self._patches, self.sensor, points, query, whole("rolls", rolls, 1, 360))
 

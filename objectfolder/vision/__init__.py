@@ -8,7 +8,6 @@ if TYPE_CHECKING:
     from objectfolder.vision.cameras import look_at
     from objectfolder.vision.environment import Environment
     from objectfolder.vision.lamps import Lamps
-    from objectfolder.vision.truth.views import simulate_views
     from objectfolder.vision.visionnet.sight_queries import SightQueries
 else:
     __getattr__, __dir__ = lazy_names(
@@ -17,9 +16,9 @@ else:
             "cameras": ["look_at"],
             "environment": ["Environment"],
             "lamps": ["Lamps"],
-            "truth.views": ["simulate_views"],
             "visionnet.sight_queries": ["SightQueries"],
         },
+        {"objectfolder.making": ["simulate_views"]},
     )
 
-__all__ = ["Environment", "Lamps", "SightQueries", "look_at", "simulate_views"]
+__all__ = ["Environment", "Lamps", "SightQueries", "look_at"]

@@ -4,6 +4,10 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
+# Of the data set's lamp. An albedo of 0.8 that faces the light from 0.5 reaches a radiance of 0.97, so that
+# only surfaces very close to the lamp clip: radiance = albedo P cos / (4 pi^2 d^2).
+LIGHT_POWER_W = 12.0
+
 
 @dataclass(frozen=True, eq=False)
 class Lamps:

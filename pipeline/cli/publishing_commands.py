@@ -254,7 +254,7 @@ def gallery(
         heading of the first page
     """
     with status_line("writing a gallery") as show:
-        from objectfolder.audio.materials import read_materials
+        from objectfolder.making.materials import read_materials
         from pipeline.publish.gallery.site import write_gallery
         from pipeline.publish.viewer.static import object_files_of
 

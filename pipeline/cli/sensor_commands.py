@@ -41,8 +41,8 @@ def calibrate(
     overwrite
         replace files that are there
     """
+    from objectfolder.making.sensor.own_calibration import calibrate as calibrated
     from objectfolder.touch.sensor.magnification import at_magnification
-    from objectfolder.touch.sensor.own_calibration import calibrate as calibrated
     from objectfolder.touch.sensor.sensor_file import read_sensor, write_sensor
     from pipeline.intake.sensor_photographs import calibration_json, calibration_text, read_photographs
 

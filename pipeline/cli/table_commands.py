@@ -61,7 +61,7 @@ def add(
     dry_run
         check only; write no row and no copy
     """
-    from objectfolder.mesh.readers.face_count import refuse_many_faces
+    from objectfolder.making.mesh.readers.face_count import refuse_many_faces
 
     if request.decimate is None:
         refuse_many_faces(request.mesh)  # before what checking it imports: that takes longer

@@ -68,7 +68,7 @@ def _materials(option: str) -> str | None:
     """Return the materials to choose from, where the material is missing."""
     if option != "--material":
         return None
-    from objectfolder.audio.materials import read_materials
+    from objectfolder.making.materials import read_materials
     from pipeline.dataset.project_files import MATERIALS
 
     return f"Materials are {', '.join(sorted(read_materials(MATERIALS)))}."

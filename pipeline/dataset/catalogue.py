@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.mesh import check_stated_length
-from objectfolder.mesh.readers.files import is_file
-from objectfolder.mesh.up_axis import check_up_axis
+from objectfolder.making.mesh.readers.files import is_file
+from objectfolder.making.mesh.up_axis import check_up_axis
+from objectfolder.surface.textured_mesh import check_stated_length
 from objectfolder.vision.appearance import OPAQUE, check_glass
 
 AS_IN_FILE = "as in file"

@@ -12,8 +12,8 @@ from pipeline.dataset.project_files import MATERIALS
 FEWEST_FACES = 4
 
 if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material
-    from objectfolder.mesh.walls import WallFinding
+    from objectfolder.making.materials import Material
+    from objectfolder.making.mesh.walls import WallFinding
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class DescribedObject:
 
     def check(self) -> None:
         """Raise `InputError` for an absent file, a number that cannot be, or two that exclude each other."""
-        from objectfolder.mesh.up_axis import check_up_axis
+        from objectfolder.making.mesh.up_axis import check_up_axis
 
         check_up_axis(self.up, "--up")
         for option, path in (("MESH", self.mesh), ("--texture", self.texture)):
@@ -113,7 +113,7 @@ class DescribedObject:
 
         What the product says of walls by geometry alone is left out of the warnings.
         """
-        from objectfolder.mesh.walls import WallMeasures, wall_findings
+        from objectfolder.making.mesh.walls import WallMeasures, wall_findings
 
         walls = WallMeasures(**attributes["walls"])
         by_geometry = set(map(str, wall_findings(walls)))

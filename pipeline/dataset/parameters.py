@@ -41,8 +41,8 @@ def _renderer(name: str, info: ValidationInfo) -> str:
     """Check that a renderer is one that can draw the contact and the sensor; the default draws all."""
     if name == COMPATIBLE["renderer"]:
         return name  # without the imports below, which take as long as many a command
+    from objectfolder.making.touches.opengl import check_drawable
     from objectfolder.touch.sensor.sensor import Sensor
-    from objectfolder.touch.truth.opengl import check_drawable
 
     if "sensor" in info.data and "contact" in info.data:  # else that mistake is named
         try:
@@ -54,8 +54,8 @@ def _renderer(name: str, info: ValidationInfo) -> str:
 
 def _depths(depth_m: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
     """Check that the depths are in order, and within what the gel and the camera of the sensor allow."""
+    from objectfolder.touch.presses.touches import saturation_depth_m
     from objectfolder.touch.sensor.sensor import Sensor
-    from objectfolder.touch.truth.touches import saturation_depth_m
 
     least, most = depth_m
     if least > most:

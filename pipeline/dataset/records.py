@@ -20,7 +20,7 @@ from pipeline.dataset.task import Failure, failure_of
 
 # Stages after the first need neither tables nor meshes, and start sooner without.
 if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material
+    from objectfolder.making.materials import Material
     from pipeline.dataset.catalogue import ObjectRecord
     from pipeline.dataset.parameters import ObjectsParameters
 
@@ -72,7 +72,7 @@ def read_table(root: Path, objects: "ObjectsParameters") -> Records:
     InputError
         A table that cannot be used.
     """
-    from objectfolder.audio.materials import read_materials
+    from objectfolder.making.materials import read_materials
     from pipeline.dataset.catalogue import read_catalogue
 
     materials = read_materials(root / MATERIALS)
@@ -84,7 +84,7 @@ def read_table(root: Path, objects: "ObjectsParameters") -> Records:
 
 def sources(row: Mapping[str, Any]) -> dict[str, Path]:
     """Return the files an object is read from, by role."""
-    from objectfolder.mesh.readers.load import source_files
+    from objectfolder.making.mesh.readers.load import source_files
 
     files = {"mesh": row["mesh"]}
     if row["texture"] is not None:
@@ -156,7 +156,7 @@ def _unreadable(error: Exception) -> InputError:
 
 def row_of(record: "ObjectRecord", material: "Material") -> dict[str, Any]:
     """Return what the stages read of an object: its record, and its material as sound and sight take it."""
-    from objectfolder.audio.materials import CONTACT_RANGES
+    from objectfolder.making.materials import CONTACT_RANGES
     from objectfolder.vision.appearance import OPAQUE
 
     appearance: dict[str, float | str] = {

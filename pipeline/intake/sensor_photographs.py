@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image
 
 from objectfolder.errors import InputError
+from objectfolder.making.sensor.ball_prints import Print
+from objectfolder.making.sensor.own_calibration import OwnCalibration
 from objectfolder.products.regular_file import open_regular
-from objectfolder.touch.sensor.ball_prints import Print
 from objectfolder.touch.sensor.marker_tracking import Tracking
-from objectfolder.touch.sensor.own_calibration import OwnCalibration
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}
 # Names, without suffix, of the picture of the untouched sensor in a folder.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 from pipeline.dataset.described_object import DescribedObject
 
 if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material
+    from objectfolder.making.materials import Material
 
 Described = TypeVar("Described", bound=DescribedObject)
 
@@ -27,10 +27,10 @@ def with_decimated_mesh(
     MissingPackageError, SimulationError
         Blender is not installed, or cannot reach so few faces.
     """
-    from objectfolder.mesh.readers.load import load_mesh
+    from objectfolder.export.files import Credit
+    from objectfolder.export.textured_surface import write_mesh
+    from objectfolder.making.mesh.readers.load import load_mesh
     from objectfolder.vision.appearance import Appearance
-    from objectfolder.vision.export.files import Credit
-    from objectfolder.vision.export.textured_surface import write_mesh
     from pipeline.run.decimation import decimate
 
     faces = item.decimate or 0

@@ -11,8 +11,8 @@ import numpy as np
 from objectfolder.child_process import last_words, run_module
 from objectfolder.errors import SimulationError
 from objectfolder.extras import missing_package
-from objectfolder.mesh.cleaning import welded
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.mesh.cleaning import welded
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 DISTANCE_SAMPLES = 4_000
 """Points of each surface that its distance from the other is measured at."""

@@ -8,8 +8,8 @@ from objectfolder.errors import InputError
 from pipeline.dataset.described_object import DescribedObject
 
 if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material
-    from objectfolder.mesh.mesh import TexturedMesh
+    from objectfolder.making.materials import Material
+    from objectfolder.surface.textured_mesh import TexturedMesh
 
 SMALL_M, LARGE_M, HEAVY_KG = 0.01, 1.0, 100.0
 NORMALISED_M = (1.0, 2.0)
@@ -49,8 +49,8 @@ def size_doubts(mesh: "TexturedMesh", item: DescribedObject, material: "Material
 
 def clean_mesh(item: DescribedObject) -> "TexturedMesh":
     """Return the mesh of an object cleaned, in the units of its file, without colours."""
-    from objectfolder.mesh.cleaning import clean
-    from objectfolder.mesh.readers.load import load_mesh
+    from objectfolder.making.mesh.cleaning import clean
+    from objectfolder.making.mesh.readers.load import load_mesh
 
     return clean(load_mesh(item.mesh, with_textures=False, up=item.up), str(item.mesh))[0]
 
@@ -70,7 +70,7 @@ def refuse_doubtful_size(
     words
         `COMMAND` or `CALL`, by which the remedy names what to give.
     """
-    from objectfolder.mesh.ingest import debris
+    from objectfolder.making.mesh.ingest import debris
 
     mesh = clean_mesh(item)
     if not (doubts := [*debris(mesh), *size_doubts(mesh, item, material)]):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.material_library import DEFAULT_COLOUR
-from objectfolder.mesh.readers.textures import uniform_texture
+from objectfolder.making.mesh.readers.material_library import DEFAULT_COLOUR
+from objectfolder.making.mesh.readers.textures import uniform_texture
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 
 def looks_of(mesh: TexturedMesh) -> str:
@@ -13,7 +13,7 @@ def looks_of(mesh: TexturedMesh) -> str:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from objectfolder.mesh.readers.load import load_mesh
+    >>> from objectfolder.making.mesh.readers.load import load_mesh
     >>> looks_of(load_mesh(Path("bar.obj")))
     '1 plain colour'
     """

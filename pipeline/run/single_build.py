@@ -15,7 +15,7 @@ from pipeline.dataset.described_object import DescribedObject
 from pipeline.dataset.project_files import PARAMETERS
 
 if TYPE_CHECKING:
-    from objectfolder.audio.materials import Material
+    from objectfolder.making.materials import Material
     from pipeline.dataset.catalogue import ObjectRecord
     from pipeline.dataset.job import Finished, Job, Runner
 
@@ -92,13 +92,13 @@ def build_object_file(
     SimulationError
         A stage that failed, with its error and remedy.
     """
-    from objectfolder.mesh.readers.face_count import refuse_many_faces
+    from objectfolder.making.mesh.readers.face_count import refuse_many_faces
 
     if building.decimate is None:
         refuse_many_faces(building.mesh)  # before workers start
-    from objectfolder.audio.materials import find_material, read_materials
-    from objectfolder.mesh.mesh import textured_mesh_of
+    from objectfolder.making.materials import find_material, read_materials
     from objectfolder.products.store import read_product
+    from objectfolder.surface.textured_mesh import textured_mesh_of
     from pipeline.dataset.parameters import read_parameters
     from pipeline.dataset.records import row_of
     from pipeline.dataset.stages import OBJECT_FILES, OBJECTS, STAGES

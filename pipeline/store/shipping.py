@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError, ObjectFolderError, SimulationError
-from objectfolder.mesh.readers.load import source_files
+from objectfolder.making.mesh.readers.load import source_files
 from objectfolder.products.provenance import file_digest
 from pipeline.dataset import products
 from pipeline.dataset.job import Job

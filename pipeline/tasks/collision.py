@@ -1,10 +1,10 @@
 """Task of stage `collision`: convex parts for where simulated bodies touch."""
 
 from objectfolder.errors import UnsolvableError
-from objectfolder.mesh.mesh import textured_mesh_of
 from objectfolder.products.store import Product, read_product
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.parts_product import absent_parts, parts_product
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from pipeline.dataset.task import Request
 
 

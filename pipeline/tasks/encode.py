@@ -1,9 +1,9 @@
 """Task of stage `encode`: ground truth to an Object File that is neither named nor measured yet."""
 
-from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.object_file.encoding import encode_object as encode
+from objectfolder.making.encoding import encode_object as encode
 from objectfolder.products.store import read_product
 from objectfolder.products.tensor_file import TensorFile
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from objectfolder.touch.sensor.sensor import Sensor
 from pipeline.dataset.task import Request
 

@@ -1,11 +1,11 @@
 """Task of stage `modes`: how the object vibrates."""
 
-from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.absent import LEFT_OUT, absent_modes
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.errors import UnsolvableError
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.materials import Material
+from objectfolder.making.modes.absent import LEFT_OUT, absent_modes
+from objectfolder.making.modes.modes import simulate_modes
 from objectfolder.products.store import Product, read_product
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from pipeline.dataset.task import Request
 
 AUDIO = "audio"

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from objectfolder.mesh.ingest import ingest_object
+from objectfolder.making.mesh.ingest import ingest_object
 from objectfolder.products.store import Product
 from pipeline.dataset.task import Request
 
 
 def prepare_object(request: Request) -> Product:
-    """Clean, scale and measure one object (see `objectfolder.mesh.ingest.ingest_object`)."""
+    """Clean, scale and measure one object (see `objectfolder.making.mesh.ingest.ingest_object`)."""
     texture: Path | None = request.inputs.get("texture")
     return ingest_object(
         request.inputs["mesh"],

@@ -1,9 +1,9 @@
 """Task of stage `touches`: what the sensor feels."""
 
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import Product, read_product
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.record import simulate_touches
 from pipeline.dataset.task import Request
 
 

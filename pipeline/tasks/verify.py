@@ -3,7 +3,7 @@
 import numpy as np
 
 from objectfolder.fidelity.verification import verify_object as verify
-from objectfolder.mesh.body import body_of
+from objectfolder.making.mesh.body import body_of
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.simulators.parts_product import parts_of

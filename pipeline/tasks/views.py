@@ -1,9 +1,9 @@
 """Task of stage `views`: what the object looks like, by path tracing."""
 
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.views.views import simulate_views
 from objectfolder.products.store import Product, read_product
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.truth.views import simulate_views
 from pipeline.dataset.task import Request
 
 

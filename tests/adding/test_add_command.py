@@ -15,8 +15,8 @@ import trimesh
 from PIL import Image
 from small_meshes import write_textured_cube
 
-from objectfolder.audio.materials import read_materials
-from objectfolder.mesh.readers import face_count
+from objectfolder.making.materials import read_materials
+from objectfolder.making.mesh.readers import face_count
 from pipeline.cli import main
 from pipeline.cluster import dask_runner
 from pipeline.dataset.catalogue import read_catalogue

@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.readers.load import load_mesh
 from pipeline.dataset.catalogue import check_id
 from pipeline.intake.add.addition import check_unit, possible_lengths
 from pipeline.intake.add.source_copy import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 from pipeline.intake.add.preview import RED, walls_marked, write_preview
 from pipeline.intake.add.preview_views import CUT, draw, side_m, standard_views
 

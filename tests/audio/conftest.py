@@ -17,7 +17,7 @@ PACKAGES = ("embreex", "mkl", "numba", "numpy", "pypardiso", "pytetwild", "scipy
 @pytest.fixture(scope="session")
 def solved(make_once: Callable[..., Path]) -> Callable[[str], Product]:
     """A function that returns the modes of a body of `solved_bodies.SOLUTIONS`, by name."""
-    solving = ("objectfolder.audio.modes.modes", "objectfolder.products.store")
+    solving = ("objectfolder.making.modes.modes", "objectfolder.products.store")
     bodies = [Path(str(each.__file__)) for each in (solved_bodies, structured_solids)]
     inputs = cache_key(solving, bodies, PACKAGES)
 

@@ -10,11 +10,11 @@ import trimesh
 from structured_solids import box
 from structured_solids import material as ceramic
 
-from objectfolder.audio.damping import LOSS_FACTOR
-from objectfolder.audio.materials import Material, read_materials
-from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.making.damping import LOSS_FACTOR
+from objectfolder.making.materials import Material, read_materials
+from objectfolder.making.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.making.solid.solid import Solid
 from objectfolder.products.store import Product
-from objectfolder.solid.solid import Solid
 from objectfolder.surface.surface import Surface
 from tests.references.bodies import Body, constant
 from tests.references.cuboid import cuboid

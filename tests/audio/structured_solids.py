@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import trimesh
 
-from objectfolder.audio.materials import Material
-from objectfolder.solid.solid import Solid, clean
+from objectfolder.making.materials import Material
+from objectfolder.making.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
 
 

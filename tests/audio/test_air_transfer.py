@@ -10,9 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
-from objectfolder.audio.air import radiation as radiation_module
-from objectfolder.audio.air.boundary_kernels import static_potentials
-from objectfolder.audio.air.helmholtz import Elements, Patches
 from objectfolder.audio.air.multipoles import (
     DENSITY_KG_M3,
     SOUND_SPEED_M_S,
@@ -26,18 +23,21 @@ from objectfolder.audio.air.multipoles import (
     outgoing,
     regular_waves,
 )
-from objectfolder.audio.air.radiation import radiate, together
-from objectfolder.audio.air.remeshing import halved, remeshed
 from objectfolder.audio.air.transfer import AirTransfer
-from objectfolder.audio.audionet.fitting import fit_audionet
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.audio.synthesis.air import Listener
 from objectfolder.audio.synthesis.struck_body import RigidBody, StruckBody
 from objectfolder.errors import FormatError, QueryError
+from objectfolder.making.air import radiation as radiation_module
+from objectfolder.making.air.boundary_kernels import static_potentials
+from objectfolder.making.air.helmholtz import Elements, Patches
+from objectfolder.making.air.radiation import radiate, together
+from objectfolder.making.air.remeshing import halved, remeshed
+from objectfolder.making.audionet.fitting import fit_audionet
+from objectfolder.making.materials import read_materials
+from objectfolder.making.modes.modes import modes_of_solid
+from objectfolder.making.solid.filling import fill
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
-from objectfolder.solid.filling import fill
 from objectfolder.surface.surface import Surface
 
 REPOSITORY = Path(__file__).parents[2]
@@ -47,7 +47,7 @@ DIRECTIONS = np.random.default_rng(0).normal(size=(20, 3))
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 NO_MULTIPOLES = np.zeros(3), 0
 PISTON = np.cos(np.pi / 6)
-RELEASE = pytest.mark.release("objectfolder.audio.air")
+RELEASE = pytest.mark.release("objectfolder.audio.air", "objectfolder.making.air")
 
 
 def sphere(subdivisions: int, radius: float = RADIUS_M) -> Surface:

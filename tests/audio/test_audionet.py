@@ -6,11 +6,11 @@ import trimesh
 from rounding import assert_equal_but_for_rounding
 from small_meshes import box
 
-from objectfolder.audio.audionet import fitting
 from objectfolder.audio.audionet.audionet import AudioNet, decode_detours, encode_detours
-from objectfolder.audio.audionet.fitting import fit_audionet
-from objectfolder.audio.audionet.geodesic_embedding import subdivide
 from objectfolder.errors import FormatError
+from objectfolder.making.audionet import fitting
+from objectfolder.making.audionet.fitting import fit_audionet
+from objectfolder.making.audionet.geodesic_embedding import subdivide
 from objectfolder.products.integer_coding import pack_integers, zigzag
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.surface import Surface

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from objectfolder.audio.audionet import least_squares
-from objectfolder.audio.audionet.corrections import Fields
-from objectfolder.audio.audionet.least_squares import Basis, Data, equations, solve
 from objectfolder.audio.audionet.surface_kernel import KernelParameters, SurfaceKernel
+from objectfolder.making.audionet import least_squares
+from objectfolder.making.audionet.corrections import Fields
+from objectfolder.making.audionet.least_squares import Basis, Data, equations, solve
 from objectfolder.surface.surface import Surface
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)

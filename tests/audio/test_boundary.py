@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from structured_solids import box, moved, together
 
-from objectfolder.audio.modes.boundary import Boundary
-from objectfolder.audio.modes.spectrum import space_on
+from objectfolder.making.modes.boundary import Boundary
+from objectfolder.making.modes.spectrum import space_on
 
 EPSILON_M = 1e-4
 SLIT_M = 0.002

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objectfolder.audio.modes.canonical import canonical_rotation, clusters
+from objectfolder.making.modes.canonical import canonical_rotation, clusters
 
 
 def on_sphere(count: int, seed: int) -> np.ndarray:

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from structured_solids import ball, box
 
-from objectfolder.audio.elements.curving import LEAST_JACOBIAN, _unfold, curve, least_jacobian
-from objectfolder.audio.elements.elasticity import chunks, element_integrals
-from objectfolder.audio.elements.hierarchic import differentiate, quadrature
-from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.boundary import Boundary
-from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
-from objectfolder.solid.solid import Solid, clean
+from objectfolder.making.elements.curving import LEAST_JACOBIAN, _unfold, curve, least_jacobian
+from objectfolder.making.elements.elasticity import chunks, element_integrals
+from objectfolder.making.elements.hierarchic import differentiate, quadrature
+from objectfolder.making.elements.space import Space
+from objectfolder.making.modes.boundary import Boundary
+from objectfolder.making.modes.spectrum import solve_spectrum, space_on
+from objectfolder.making.solid.solid import Solid, clean
 from objectfolder.surface.surface import Surface
 
 

@@ -5,11 +5,11 @@ import pytest
 from scipy import linalg, sparse
 from structured_solids import box
 
-from objectfolder.audio.elements.elasticity import assemble
-from objectfolder.audio.modes import eigen
-from objectfolder.audio.modes.eigen import Pencil, lowest_elastic, orthonormalise, rigid_motions, weigh
-from objectfolder.audio.modes.spectrum import space_on
 from objectfolder.errors import SimulationError
+from objectfolder.making.elements.elasticity import assemble
+from objectfolder.making.modes import eigen
+from objectfolder.making.modes.eigen import Pencil, lowest_elastic, orthonormalise, rigid_motions, weigh
+from objectfolder.making.modes.spectrum import space_on
 
 
 def nearly_dependent(condition: float) -> np.ndarray:

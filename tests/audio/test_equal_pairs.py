@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.audio.modes.equal_pairs import TURN_RAD, _pairs
+from objectfolder.making.modes.equal_pairs import TURN_RAD, _pairs
 
 
 def turned(numbers: list[int]) -> np.ndarray:

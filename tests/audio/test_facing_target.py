@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.audio.elements.facing_target import FacingTarget, rounding
+from objectfolder.making.elements.facing_target import FacingTarget, rounding
 from objectfolder.surface.surface import Surface
 
 

@@ -5,11 +5,11 @@ import pytest
 from scipy import sparse
 from structured_solids import box
 
-from objectfolder.audio import factorisation
-from objectfolder.audio.elements.elasticity import assemble
-from objectfolder.audio.factorisation import SOLVER, Factorisation, shifted
-from objectfolder.audio.modes.spectrum import space_on
 from objectfolder.errors import SimulationError
+from objectfolder.making import factorisation
+from objectfolder.making.elements.elasticity import assemble
+from objectfolder.making.factorisation import SOLVER, Factorisation, shifted
+from objectfolder.making.modes.spectrum import space_on
 
 SOLVERS = sorted({"SuperLU", SOLVER})
 

@@ -10,10 +10,10 @@ import trimesh
 from structured_solids import box
 
 from objectfolder.errors import InputError, SimulationError, UnsolvableError
-from objectfolder.solid import filling, thickening
-from objectfolder.solid.filling import Filling, fill
-from objectfolder.solid.solid import Solid
-from objectfolder.solid.tetwild import CutOffError, Envelope, run_tetwild
+from objectfolder.making.solid import filling, thickening
+from objectfolder.making.solid.filling import Filling, fill
+from objectfolder.making.solid.solid import Solid
+from objectfolder.making.solid.tetwild import CutOffError, Envelope, run_tetwild
 from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface
@@ -48,7 +48,7 @@ def sound(solid: Solid) -> None:
     assert away.max() <= 1.5 * solid.report["surface_error_max_m"] + negligible
 
 
-RELEASE = pytest.mark.release("objectfolder.solid")
+RELEASE = pytest.mark.release("objectfolder.making.solid")
 
 
 @pytest.fixture
@@ -282,7 +282,7 @@ def test_a_kill_from_outside_makes_no_other_solid(monkeypatch: pytest.MonkeyPatc
         calls.append(1)
         return subprocess.run(["sh", "-c", "kill -9 $$"], capture_output=True, text=True, check=False)
 
-    monkeypatch.setattr("objectfolder.solid.tetwild.run_module", killed)
+    monkeypatch.setattr("objectfolder.making.solid.tetwild.run_module", killed)
     with pytest.raises(SimulationError, match=r"fTetWild: was killed from outside \(signal 9\)"):
         fill(Surface(*block((1.0, 1.0, 1.0))), name="board")
     assert len(calls) == 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from structured_solids import box
 
-from objectfolder.audio.elements.hierarchic import (
+from objectfolder.making.elements.hierarchic import (
     HIGHEST_ORDER,
     differentiate,
     evaluate,
@@ -14,7 +14,7 @@ from objectfolder.audio.elements.hierarchic import (
     quadrature,
     reference_integrals,
 )
-from objectfolder.audio.elements.space import Space
+from objectfolder.making.elements.space import Space
 
 ORDERS = range(1, HIGHEST_ORDER + 1)
 

@@ -3,10 +3,10 @@
 import numpy as np
 from structured_solids import box
 
-from objectfolder.audio.elements.curving import bend_along
-from objectfolder.audio.elements.hierarchic import EDGES
-from objectfolder.audio.elements.space import Space
-from objectfolder.solid.solid import boundary_of
+from objectfolder.making.elements.curving import bend_along
+from objectfolder.making.elements.hierarchic import EDGES
+from objectfolder.making.elements.space import Space
+from objectfolder.making.solid.solid import boundary_of
 
 
 def space_of(cells: tuple[int, int, int], size: tuple[float, float, float]) -> Space:

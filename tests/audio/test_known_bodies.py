@@ -11,7 +11,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from solved_bodies import BAR_HZ, CUP_HZ, LIMIT_HZ, bar_surface, bar_truth, material, small_cup, solve
 
-from objectfolder.audio.modes.product_arrays import WORST_OF_STATED
+from objectfolder.making.modes.product_arrays import WORST_OF_STATED
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 from tests.references.bodies import Body, constant
@@ -20,7 +20,8 @@ from tests.references.meridian import Wall
 
 Solved = Callable[[str], Product]
 RELEASE_HZ = 20000.0
-release = pytest.mark.release("objectfolder.audio", "objectfolder.solid")
+MODES = ("objectfolder.making.elements", "objectfolder.making.modes", "objectfolder.making.solid")
+release = pytest.mark.release(*MODES)
 
 
 def cents(product: Product, truth: np.ndarray) -> np.ndarray:

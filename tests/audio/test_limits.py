@@ -5,13 +5,13 @@ import pytest
 from scipy import sparse
 from structured_solids import box
 
-from objectfolder.audio.elements.elasticity import ElementMatrices
-from objectfolder.audio.factorisation import SOLVER, Factorisation
-from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
-from objectfolder.audio.modes.eigen import DENSE, lowest_elastic
-from objectfolder.audio.modes.limits import NO_LIMITS, Limits
-from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, space_on
 from objectfolder.errors import SimulationError, UnsolvableError
+from objectfolder.making.elements.elasticity import ElementMatrices
+from objectfolder.making.factorisation import SOLVER, Factorisation
+from objectfolder.making.modes.adaptive import Goal, adapt_spectrum
+from objectfolder.making.modes.eigen import DENSE, lowest_elastic
+from objectfolder.making.modes.limits import NO_LIMITS, Limits
+from objectfolder.making.modes.spectrum import Spectrum, pencil_of, space_on
 
 MODES = 20
 

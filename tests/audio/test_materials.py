@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.audio.damping import RAYLEIGH, LossFactor, Rayleigh, damping_of
-from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.making.damping import RAYLEIGH, LossFactor, Rayleigh, damping_of
+from objectfolder.making.materials import Material, find_material, read_materials
 
 TABLE = Path(__file__).parents[2] / "data" / "materials.csv"
 

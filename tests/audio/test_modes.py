@@ -10,8 +10,8 @@ import trimesh
 from solved_bodies import CELLS_BAR_M, CELLS_LIMIT_HZ, UNDAMPED, bar_of_cells, modes_of
 from structured_solids import box, material
 
-from objectfolder.audio.modes.modes import modes_of_solid, simulate_modes
-from objectfolder.audio.modes.product_arrays import accuracy_attributes
+from objectfolder.making.modes.modes import modes_of_solid, simulate_modes
+from objectfolder.making.modes.product_arrays import accuracy_attributes
 from objectfolder.products.store import Product, read_product, write_product
 from objectfolder.surface.surface import Surface
 
@@ -231,10 +231,10 @@ def test_modes_near_the_limit_are_counted_on_either_side_of_it(
     assert np.isfinite(product["error_estimates_cents"]).all()
 
 
-@pytest.mark.release("objectfolder.audio", "objectfolder.solid")
+@pytest.mark.release("objectfolder.making.elements", "objectfolder.making.modes", "objectfolder.making.solid")
 def test_a_scanned_mug_has_few_elements_and_rings(shared_objects: Path) -> None:
-    from objectfolder.audio.materials import read_materials
-    from objectfolder.mesh.readers.load import load_mesh
+    from objectfolder.making.materials import read_materials
+    from objectfolder.making.mesh.readers.load import load_mesh
 
     steel = read_materials(Path(__file__).parents[2] / "data" / "materials.csv")["steel"]
     mesh = load_mesh(shared_objects / "025_mug" / "model.obj", with_textures=False)

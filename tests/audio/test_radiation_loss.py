@@ -6,10 +6,10 @@ import trimesh
 from structured_solids import box, moved
 
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S, Radiation
-from objectfolder.audio.air.radiation_loss import dampings_of, radiation_dampings, solved_phases
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.modes.modes import modes_of_solid
 from objectfolder.audio.synthesis.air import Air, Listener
+from objectfolder.making.air.radiation_loss import dampings_of, radiation_dampings, solved_phases
+from objectfolder.making.materials import read_materials
+from objectfolder.making.modes.modes import modes_of_solid
 from objectfolder.surface.surface import Surface
 
 RADIUS_M = 0.05

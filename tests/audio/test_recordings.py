@@ -9,18 +9,18 @@ import pytest
 from scipy.io import wavfile
 from structured_solids import box, material
 
-from objectfolder.audio.recordings.body import SolvedBody, body_of_solid
-from objectfolder.audio.recordings.decay_law import power_law
-from objectfolder.audio.recordings.fitting import (
+from objectfolder.errors import InputError
+from objectfolder.making.recordings.body import SolvedBody, body_of_solid
+from objectfolder.making.recordings.decay_law import power_law
+from objectfolder.making.recordings.fitting import (
     SoundFit,
     fit_body,
     fitted_material,
     match,
     partials_near_modes,
 )
-from objectfolder.audio.recordings.partials import Partials, partials_of, partials_over
-from objectfolder.audio.recordings.recording import Recording, read_recording, recording_of
-from objectfolder.errors import InputError
+from objectfolder.making.recordings.partials import Partials, partials_of, partials_over
+from objectfolder.making.recordings.recording import Recording, read_recording, recording_of
 
 SLOW_FIXTURES = ("body",)
 RATE_HZ = 32000
@@ -46,7 +46,7 @@ def body() -> SolvedBody:
 def truth() -> np.ndarray:
     """Frequencies of the bar that is recorded; what the air takes of it is not asked."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.audio.recordings.body.radiation_dampings", lambda *_: None)
+        patch.setattr("objectfolder.making.recordings.body.radiation_dampings", lambda *_: None)
         second = bar(POISSON_RATIO, WALL).frequencies_hz
     # `bar` keeps E, and the shear speed with it falls as Poisson's ratio grows.
     return second * np.sqrt(STIFFNESS)

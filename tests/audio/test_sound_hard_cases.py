@@ -8,15 +8,15 @@ import pytest
 from solved_bodies import modes_of
 from structured_solids import ball, box, material
 
-from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.spectrum import solve_spectrum, space_on
+from objectfolder.making.materials import Material
+from objectfolder.making.modes.spectrum import solve_spectrum, space_on
+from objectfolder.making.solid.solid import Solid, clean
 from objectfolder.products.store import Product
-from objectfolder.solid.solid import Solid, clean
 from tests.references.sphere import sphere
 
 DEFAULT = {"accuracy_cents": 5.0, "highest_order": 4}
 FINEST = {"accuracy_cents": 0.1, "highest_order": 5}
-RELEASE = pytest.mark.release("objectfolder.audio")
+RELEASE = pytest.mark.release("objectfolder.audio.synthesis", "objectfolder.making.modes")
 LAME = np.sqrt(2) * np.pi
 # omega a^2 sqrt(rho h / D) by thickness, nu 0.3: `references.cuboid` at its default tolerance, 2e-6.
 PLATES = {

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from structured_solids import box, moved, together
 
-from objectfolder.audio.elements.elasticity import ElementMatrices, assemble
-from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum, what_is_to_come
-from objectfolder.audio.modes.eigen import Eigenpairs, count_below, weigh
-from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum, space_on
-from objectfolder.solid.solid import Solid, clean
+from objectfolder.making.elements.elasticity import ElementMatrices, assemble
+from objectfolder.making.elements.space import Space
+from objectfolder.making.modes.adaptive import Goal, adapt_spectrum, what_is_to_come
+from objectfolder.making.modes.eigen import Eigenpairs, count_below, weigh
+from objectfolder.making.modes.spectrum import Spectrum, pencil_of, solve_spectrum, space_on
+from objectfolder.making.solid.solid import Solid, clean
 
-RELEASE = pytest.mark.release("objectfolder.audio")
+RELEASE = pytest.mark.release("objectfolder.making.elements", "objectfolder.making.modes")
 
 
 def spectrum(
@@ -178,7 +178,7 @@ def test_modes_that_the_start_has_not_are_found_by_their_count(
     lacking = Eigenpairs(whole.eta_squared[:-missing], columns(whole)[:, :-missing].copy())
     assert len(lacking.values) > missing + 8
     # Not by a search from scratch.
-    monkeypatch.setattr("objectfolder.audio.modes.spectrum.lowest_elastic", None)
+    monkeypatch.setattr("objectfolder.making.modes.spectrum.lowest_elastic", None)
     found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
     np.testing.assert_allclose(found.eta_squared, whole.eta_squared, rtol=1e-5)
     assert found.residuals.max() < 1e-4

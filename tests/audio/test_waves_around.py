@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from objectfolder.audio.elements.elasticity import ElementMatrices
-from objectfolder.audio.elements.sectors import Sectors, SectorSpace, sectors_of
-from objectfolder.audio.elements.space import Space
-from objectfolder.audio.modes.adaptive import Goal
-from objectfolder.audio.modes.eigen import Eigenpairs, weigh
-from objectfolder.audio.modes.spectrum import Spectrum, pencil_of, solve_spectrum
-from objectfolder.audio.modes.waves_around import wave_spectrum
-from objectfolder.solid.revolution import Revolution
-from objectfolder.solid.revolved import revolved_walls
+from objectfolder.making.elements.elasticity import ElementMatrices
+from objectfolder.making.elements.sectors import Sectors, SectorSpace, sectors_of
+from objectfolder.making.elements.space import Space
+from objectfolder.making.modes.adaptive import Goal
+from objectfolder.making.modes.eigen import Eigenpairs, weigh
+from objectfolder.making.modes.spectrum import Spectrum, pencil_of, solve_spectrum
+from objectfolder.making.modes.waves_around import wave_spectrum
+from objectfolder.making.solid.revolution import Revolution
+from objectfolder.making.solid.revolved import revolved_walls
 
 POISSON_RATIO = 0.3
 

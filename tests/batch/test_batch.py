@@ -11,9 +11,9 @@ import objectfolder
 from bench.gpu import __main__ as gpu_bench
 from objectfolder.batch import Batch, SightBatch, TouchImages, WorldTouch, targets
 from objectfolder.errors import QueryError
+from objectfolder.touch.presses.press import press
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.sensor_file import read_sensor
-from objectfolder.touch.truth.press import press
-from objectfolder.touch.truth.touches import Press
 from objectfolder.vision.cameras import look_at
 from tests.docstring_examples import run_example
 

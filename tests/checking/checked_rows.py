@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from objectfolder.audio.materials import read_materials
-from objectfolder.mesh.walls import WallMeasures
+from objectfolder.making.materials import read_materials
+from objectfolder.making.mesh.walls import WallMeasures
 from objectfolder.surface.connectivity import Topology
 from pipeline.dataset.catalogue import ObjectRecord
 from pipeline.intake.check.entry import Entry, Shape

@@ -43,7 +43,7 @@ def papers_table(scans: Path, folder: Path, ids: tuple[str, ...]) -> Path:
     return table
 
 
-@pytest.mark.release("pipeline.intake.check", "objectfolder.mesh")
+@pytest.mark.release("pipeline.intake.check", "objectfolder.making.mesh")
 def test_errors_of_the_published_list_are_found(shared_objects, tmp_path, capsys):
     table = papers_table(shared_objects, tmp_path, (*WRONG, *RIGHT))
     assert main(["check", str(table), "--json"]) == 1

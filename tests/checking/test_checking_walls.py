@@ -7,7 +7,7 @@ import pytest
 from checked_rows import entry, shape
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
+from objectfolder.making.mesh.cleaning import clean
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING
 from pipeline.intake.check.mesh_rules import check_surface, check_walls
 from pipeline.intake.check.row_rules import check_readable

@@ -6,7 +6,7 @@ import pytest
 import objectfolder
 from objectfolder.fidelity.conditions import measure_conditions
 from objectfolder.products.store import Array, Product
-from objectfolder.vision.truth.conditions import CONDITIONS
+from objectfolder.vision.conditions import CONDITIONS
 from pipeline.dataset.measures import CONDITION_LABELS, IN_CONDITIONS
 from pipeline.publish.queries.description import fidelity_lines
 

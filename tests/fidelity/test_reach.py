@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from objectfolder.fidelity.feel import measure_reach
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.record import simulate_touches
 
 
 def plates(gap: float) -> Surface:
@@ -86,8 +86,8 @@ def test_no_touches_have_no_reach() -> None:
     ],
 )
 def test_much_of_a_tool_is_out_of_reach(shared_objects, object_id: str, least: float, most: float) -> None:
-    from objectfolder.mesh.cleaning import clean
-    from objectfolder.mesh.readers.load import load_mesh
+    from objectfolder.making.mesh.cleaning import clean
+    from objectfolder.making.mesh.readers.load import load_mesh
 
     mesh, _ = clean(load_mesh(shared_objects / object_id / "model.obj", with_textures=False))
     touches = simulate_touches(mesh.surface, Sensor(), touches=100, held_out_touches=0, tilt_deg=0.0, seed=2)

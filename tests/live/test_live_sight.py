@@ -15,8 +15,7 @@ from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import FIELD_OF_VIEW_DEG, look_at, pixel_rays
 from objectfolder.vision.compositing import on_white, srgb_decode, srgb_encode
 from objectfolder.vision.environment import Environment, named_map, pixel_directions
-from objectfolder.vision.lamps import Lamps
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W
+from objectfolder.vision.lamps import LIGHT_POWER_W, Lamps
 
 CAMERA = look_at(np.array([[0.1, -0.45, 0.35]]), np.array([[0.0, 0.0, 0.03]]))[0]
 SIZE = (60, 80)

@@ -18,12 +18,12 @@ from hard_meshes import (
 )
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.cleaning import clean
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.mesh.readers.load import load_mesh
 from objectfolder.products.store import Product
 from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.surface.textured_mesh import TexturedMesh, textured_mesh_of
 
 Make = Callable[[Path], tuple[Path, Truth]]
 BOX = box_truth(OBJ_SIDES)

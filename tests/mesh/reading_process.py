@@ -79,8 +79,8 @@ def _read_in_processes(objects: Sequence[dict[str, str]], folder: str) -> list[d
 def _main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
     from objectfolder.errors import FormatError, InputError
-    from objectfolder.mesh.ingest import ingest_object
-    from objectfolder.mesh.readers.load import source_files
+    from objectfolder.making.mesh.ingest import ingest_object
+    from objectfolder.making.mesh.readers.load import source_files
 
     objects = [json.loads(line) for line in sys.stdin]
     if objects and any(one["archive"] for one in objects):

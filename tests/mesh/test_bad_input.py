@@ -8,7 +8,7 @@ import pytest
 from small_meshes import CUBE_FACES, CUBE_VERTICES, checker, write_textured_cube
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object
+from objectfolder.making.mesh.ingest import ingest_object
 from pipeline.dataset.catalogue import read_catalogue
 
 MATERIALS = ("ceramic", "steel", "wood")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from small_meshes import CUBE_FACES, CUBE_VERTICES, bare_mesh, cube, sorted_triangles, sphere
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
+from objectfolder.making.mesh.cleaning import clean
 from objectfolder.surface.integrals import solid_properties
 
 

@@ -8,10 +8,10 @@ import pytest
 from hard_checks import colours_at
 from hard_meshes import encoded, quarters, write_text
 
-from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.materials import Material
+from objectfolder.making.mesh.cleaning import clean
+from objectfolder.making.mesh.readers.load import load_mesh
 from pipeline.cli import main
 from pipeline.dataset.catalogue import read_rows
 from pipeline.run.single_build import Building, build_object_file
@@ -51,7 +51,7 @@ def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, caps
     path = write_text(tmp_path / "ball.obj", sphere_text())
     write_text(tmp_path / "ball.mtl", "newmtl skin\nmap_Kd skin.png\n")
     write_text(tmp_path / "skin.png", encoded(quarters(256)))
-    monkeypatch.setattr("objectfolder.mesh.readers.face_count.MOST_FACES", 1000)
+    monkeypatch.setattr("objectfolder.making.mesh.readers.face_count.MOST_FACES", 1000)
     monkeypatch.setattr("pipeline.run.decimation.DISTANCE_SAMPLES", 500)
     with pytest.raises(InputError, match="--decimate"):
         load_mesh(path)

@@ -24,9 +24,9 @@ from hard_meshes import (
 )
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.gltf_materials import metal_of_gloss
-from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.mesh.readers.gltf_materials import metal_of_gloss
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 POINTS, QUARTERS = (np.array(column) for column in zip(*BOX.colours, strict=True))
 TOP = POINTS[:1]
@@ -254,9 +254,9 @@ def test_files_that_are_no_mesh_are_named_with_the_remedy(tmp_path, name, conten
 @pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])
 def test_too_many_faces_are_refused_by_the_header(tmp_path, monkeypatch, suffix):
     """Nothing of it is read: the rest of the file is not what its kind has."""
-    monkeypatch.setattr("objectfolder.mesh.readers.face_count.MOST_FACES", 11)
-    monkeypatch.setattr("objectfolder.mesh.readers.face_count._CHUNK_BYTES", 7)
-    monkeypatch.setattr("objectfolder.mesh.readers.load._READERS", {})
+    monkeypatch.setattr("objectfolder.making.mesh.readers.face_count.MOST_FACES", 11)
+    monkeypatch.setattr("objectfolder.making.mesh.readers.face_count._CHUNK_BYTES", 7)
+    monkeypatch.setattr("objectfolder.making.mesh.readers.load._READERS", {})
     faces = fanned(BOX_QUADS)
     path = tmp_path / f"model.{suffix}"
     writers = {

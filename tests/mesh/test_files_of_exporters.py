@@ -24,7 +24,7 @@ from hard_meshes import (
 from test_other_formats import dae_text, off_text, three_mf
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
 
 POINTS, QUARTERS = (np.array(column) for column in zip(*BOX.colours, strict=True))
 LINEAR_RED = 0.5776  # 200 of 255

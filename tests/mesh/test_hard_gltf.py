@@ -29,12 +29,12 @@ from hard_meshes import (
 )
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.export.files import Credit
+from objectfolder.export.gltf import Part, write_glb
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.files import Credit
-from objectfolder.vision.export.gltf import Part, write_glb
 
 # glTF
 
@@ -484,7 +484,7 @@ def test_gltf_reads_no_image_elsewhere(subtests, tmp_path):
 
 
 def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.mesh.readers.gltf.MOST_TRIANGLES", 100)
+    monkeypatch.setattr("objectfolder.making.mesh.readers.gltf.MOST_TRIANGLES", 100)
     writer = GltfWriter()
     mesh = writer.mesh(box_primitive(writer))
     for _ in range(10):
@@ -493,7 +493,7 @@ def test_a_mesh_that_many_nodes_name_is_bounded(tmp_path, monkeypatch):
 
 
 def test_textures_are_read_once_and_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr("objectfolder.mesh.readers.textures.TEXTURE_BYTES", 4 * 32 * 32)
+    monkeypatch.setattr("objectfolder.making.mesh.readers.textures.TEXTURE_BYTES", 4 * 32 * 32)
     check(*GLTF["GLB"](tmp_path / "one"))
     path = write_obj_box(
         tmp_path / "two", library="newmtl skin\nmap_Kd skin.png\nnewmtl b\nmap_Kd skin.png\n"

@@ -28,10 +28,10 @@ from hard_meshes import (
 )
 from small_meshes import sphere
 
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
 from objectfolder.surface.integrals import solid_properties
+from objectfolder.surface.textured_mesh import textured_mesh_of
 
 # OBJ as text
 
@@ -353,7 +353,7 @@ DIRT: dict[str, Make] = {
 }  # fmt: skip
 
 
-MANY = pytest.param("1,200 pieces", marks=pytest.mark.release("objectfolder.mesh"))
+MANY = pytest.param("1,200 pieces", marks=pytest.mark.release("objectfolder.making.mesh"))
 
 
 @pytest.mark.parametrize("name", [name for name in DIRT if name not in MANY.values] + [MANY])

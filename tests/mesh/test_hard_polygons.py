@@ -26,7 +26,7 @@ from hard_meshes import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from objectfolder.mesh.readers.polygons import triangulated
+from objectfolder.making.mesh.readers.polygons import triangulated
 
 # Polygons
 

@@ -9,12 +9,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from small_meshes import CUBE_FACES, CUBE_VERTICES, box, checker, cube, sphere, write_textured_cube
 
-from objectfolder.audio.materials import read_materials
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.walls import (
+from objectfolder.making.materials import read_materials
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.walls import (
     CERTAIN,
     LIKELY,
     ONE_LAYER,
@@ -27,6 +26,7 @@ from objectfolder.mesh.walls import (
 )
 from objectfolder.products.store import read_product, write_product
 from objectfolder.surface.integrals import solid_properties
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from pipeline.dataset.catalogue import read_catalogue
 from pipeline.dataset.task import Request
 from pipeline.tasks.objects import prepare_object
@@ -130,7 +130,7 @@ def test_what_is_said_of_walls_moves_no_digest_of_shape_or_texture(tmp_path, mon
     said = ingest_object(path, object_id="cube").attributes
     assert [text.split(":")[0] for text in said["warnings"]] == ["too thick (possible)"]
     assert WallMeasures(**said["walls"]) == measure_walls(cube(0.3).surface)
-    monkeypatch.setattr("objectfolder.mesh.ingest.wall_findings", lambda measures: ())
+    monkeypatch.setattr("objectfolder.making.mesh.ingest.wall_findings", lambda measures: ())
     silent = ingest_object(path, object_id="cube").attributes
     assert silent["warnings"] == []
     same = {name: silent["digests"][name] == said["digests"][name] for name in said["digests"]}
@@ -175,7 +175,7 @@ def ingested(shared_objects: Path) -> dict[str, tuple[str, dict]]:
     }
 
 
-@pytest.mark.release("objectfolder.mesh")
+@pytest.mark.release("objectfolder.making.mesh")
 def test_all_real_scans_are_ingested_and_most_are_closed(ingested):
     closed = 0
     for _, attributes in ingested.values():
@@ -216,7 +216,7 @@ def flagged(
     return found
 
 
-@pytest.mark.release("objectfolder.mesh")
+@pytest.mark.release("objectfolder.making.mesh")
 def test_walls_of_real_scans_that_cannot_be_are_found(ingested, classes):
     assert classes.keys() == ingested.keys()
     geometry = flagged(ingested, classes, HINTS, by_material=False)

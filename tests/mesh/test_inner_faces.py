@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from small_meshes import bare_mesh, box
 
-from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.walls import measure_walls, wall_findings
+from objectfolder.making.mesh.cleaning import clean
+from objectfolder.making.mesh.walls import measure_walls, wall_findings
 from objectfolder.surface.integrals import solid_properties
 
 LOW, HIGH = (0.0, 0.0, 0.0), (0.1, 0.08, 0.06)

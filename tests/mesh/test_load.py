@@ -18,10 +18,10 @@ from small_meshes import (
 )
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.readers.load import load_mesh, source_files
-from objectfolder.mesh.readers.textures import read_texture
-from objectfolder.mesh.readers.vertex_colours import vertex_colours_of
+from objectfolder.making.mesh.cleaning import clean
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.mesh.readers.textures import read_texture
+from objectfolder.making.mesh.readers.vertex_colours import vertex_colours_of
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 

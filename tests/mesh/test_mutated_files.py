@@ -12,8 +12,8 @@ from mutations import OBJECTS, write_mutated
 from reading_process import read_in_processes
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers import textures
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.readers import textures
+from objectfolder.making.mesh.readers.load import load_mesh
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="bounds of memory are set as Linux has them")
 
@@ -69,7 +69,7 @@ def test_some_mutated_files_of_every_kind(tmp_path):
     assert outcomes["refused"] > 20
 
 
-@pytest.mark.release("objectfolder.mesh")
+@pytest.mark.release("objectfolder.making.mesh")
 def test_many_mutated_files(tmp_path):
     found = held(mutated(tmp_path, ALL))
     assert len(found) + len(QUICK) == 500
@@ -109,7 +109,7 @@ def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
     traps = tmp_path / "traps"
     traps.mkdir()
     (traps / "sitecustomize.py").write_text(
-        "import objectfolder.mesh.ingest as ingest\n"
+        "import objectfolder.making.mesh.ingest as ingest\n"
         "real, calls = ingest.ingest_object, []\n"
         "def trap(*arguments, **options):\n"
         "    calls.append(1)\n"

@@ -11,9 +11,9 @@ from hard_checks import BOX, colours_at
 from hard_meshes import BOX_QUADS, OBJ_SIDES, box, encoded, quarters, write_text
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.face_count import face_count
-from objectfolder.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.mesh.readers.face_count import face_count
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 CORNERS = box(OBJ_SIDES)
 POINTS, QUARTERS = (np.array(column) for column in zip(*BOX.colours, strict=True))
@@ -208,7 +208,7 @@ def test_faces_are_counted_before_anything_is_read(tmp_path, monkeypatch, suffix
         three_mf(path)
     else:
         write_text(path, off_text("OFF\n") if suffix == ".off" else dae_text())
-    monkeypatch.setattr("objectfolder.mesh.readers.face_count._CHUNK_BYTES", 7)
+    monkeypatch.setattr("objectfolder.making.mesh.readers.face_count._CHUNK_BYTES", 7)
     assert face_count(path) == (12 if suffix == ".3mf" else 6)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from pipeline.dataset.catalogue import read_catalogue
 from pipeline.intake.starter.write import STARTER_OBJECTS, write_starter_set
 

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from small_meshes import checker, png, write_gltf, write_textured_cube
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import mesh_arrays, textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh, source_files
-from objectfolder.mesh.readers.textures import opaque, scaled_map, with_alpha
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.mesh.readers.load import load_mesh, source_files
+from objectfolder.making.mesh.readers.textures import opaque, scaled_map, with_alpha
 from objectfolder.products.store import read_product, write_product
 from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.surface.textured_mesh import mesh_arrays, textured_mesh_of
 
 ALPHA = np.tile(np.array([0, 64, 128, 255] * 2, dtype=np.uint8), (8, 1))
 SHEER = np.dstack([checker(), ALPHA])

@@ -7,7 +7,7 @@ import pytest
 from revolved_shapes import ball, can, cup, raised, revolved, with_cavity
 from small_meshes import cube
 
-from objectfolder.mesh.walls import (
+from objectfolder.making.mesh.walls import (
     CERTAIN,
     HEAVIER,
     LIGHTER,
@@ -22,7 +22,7 @@ from objectfolder.mesh.walls import (
     shell_of_mass,
     wall_findings,
 )
-from objectfolder.solid.thickening import hollow
+from objectfolder.making.solid.thickening import hollow
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 

@@ -21,7 +21,7 @@ from test_hard_gltf import (
     webp,
 )
 
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.readers.load import load_mesh
 
 WIDTH, HEIGHT = 18, 14
 """Pixels of the side of the box that is seen; no middle of one lies on a border of colours."""
@@ -105,7 +105,7 @@ def dielectric(change: Callable[..., None]) -> Callable[..., None]:
     return changed
 
 
-@pytest.mark.release("objectfolder.mesh")
+@pytest.mark.release("objectfolder.making.mesh")
 def test_base_colours_are_those_of_a_render_under_white_light(tmp_path, subtests):
     jobs = []
     for kind in KINDS:

@@ -22,10 +22,10 @@ from PIL import Image
 from scipy.io import wavfile
 
 import objectfolder
-from objectfolder.audio.materials import Material, find_material, read_materials
-from objectfolder.audio.modes.modes import simulate_modes
 from objectfolder.audio.synthesis import ContactBody
 from objectfolder.errors import FormatError, InputError
+from objectfolder.making.materials import Material, find_material, read_materials
+from objectfolder.making.modes.modes import simulate_modes
 from objectfolder.products.store import Product, read_product
 from objectfolder.surface.surface import Surface
 from pipeline.cli import COMMANDS, application, command_name, main
@@ -656,7 +656,7 @@ def test_modes_of_a_mesh_are_those_solved_to_what_is_asked_for(
             solved.arrays, solved.attributes | (reached if options["accuracy_cents"] == 30 else missed)
         )
 
-    monkeypatch.setattr("objectfolder.audio.modes.modes.simulate_modes", simulate)
+    monkeypatch.setattr("objectfolder.making.modes.modes.simulate_modes", simulate)
     mesh = tmp_path / "beam.stl"
     trimesh.creation.box((0.1, 0.01, 0.005)).export(mesh)
     command = ["modes", str(mesh), "--material", "ceramic", "--max-frequency", "6000", "--length", "0.2"]

@@ -15,15 +15,15 @@ from pipeline.cluster.environment_check import Environment, differences_of, envi
 from pipeline.cluster.places import Place
 from pipeline.dataset.stages import STAGES
 
-HERE = environment_here(["numpy", "scipy"], ["objectfolder.mesh.walls"])
-MODULES = sorted(HERE.code["objectfolder.mesh.walls"])
+HERE = environment_here(["numpy", "scipy"], ["objectfolder.making.mesh.walls"])
+MODULES = sorted(HERE.code["objectfolder.making.mesh.walls"])
 OTHER_CODE = f"other code in {', '.join(MODULES[:3])} and {len(MODULES) - 3} more"
 
 
 def test_an_equal_environment_has_no_difference():
     assert differences_of(HERE, Environment.model_validate_json(HERE.model_dump_json())) == []
     assert HERE.packages["numpy"][0].isdigit()
-    assert len(HERE.code["objectfolder.mesh.walls"]) > 3
+    assert len(HERE.code["objectfolder.making.mesh.walls"]) > 3
 
 
 @pytest.mark.parametrize(
@@ -32,12 +32,12 @@ def test_an_equal_environment_has_no_difference():
         ({"python": "3.9"}, "Python 3.9 instead of {python}"),
         ({"packages": {**HERE.packages, "numpy": "1.0"}}, "numpy 1.0 instead of {numpy}"),
         ({"packages": {"numpy": HERE.packages["numpy"]}}, "scipy absent instead of {scipy}"),
-        ({"code": {"objectfolder.mesh.walls": {}}}, OTHER_CODE),
+        ({"code": {"objectfolder.making.mesh.walls": {}}}, OTHER_CODE),
         (
             {
                 "code": {
-                    "objectfolder.mesh.walls": {
-                        **HERE.code["objectfolder.mesh.walls"],
+                    "objectfolder.making.mesh.walls": {
+                        **HERE.code["objectfolder.making.mesh.walls"],
                         "pipeline.dataset.task": "0",
                     }
                 }

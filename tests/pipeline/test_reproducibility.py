@@ -12,8 +12,8 @@ import pytest
 import trimesh
 from toys import REPOSITORY
 
-from objectfolder.audio.materials import read_materials
 from objectfolder.errors import FormatError
+from objectfolder.making.materials import read_materials
 from objectfolder.products.provenance import canonical_json
 from objectfolder.products.store import Array, Product, write_product
 from objectfolder.products.tensor_file import TensorFile, read_tensor_file, write_tensor_file

@@ -336,7 +336,7 @@ def _jobs(toys, stage) -> list[Job]:
 
 def _object_job(root: Path, mesh: Path) -> Job:
     """The first stage of the real pipeline for one mesh."""
-    from objectfolder.mesh.readers.load import source_files
+    from objectfolder.making.mesh.readers.load import source_files
     from objectfolder.products.provenance import file_digest
 
     first, *referred = source_files(mesh)

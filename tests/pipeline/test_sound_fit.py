@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from scipy.io import wavfile
 
-from objectfolder.audio.materials import read_materials
-from objectfolder.audio.recordings.body import SolvedBody
+from objectfolder.making.materials import read_materials
+from objectfolder.making.recordings.body import SolvedBody
 from pipeline.cli import main
 from pipeline.dataset.project_files import MATERIALS
 
@@ -23,7 +23,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A recording, one that is none, and a mesh that has the modes above."""
     zeros = np.zeros(len(MODES_HZ))
     body = SolvedBody(read_materials(MATERIALS)["glass"], MODES_HZ, zeros, zeros, zeros, 5000.0, 1e-4, 0.003)
-    monkeypatch.setattr("objectfolder.audio.recordings.body.solve_body", lambda *_, **__: body)
+    monkeypatch.setattr("objectfolder.making.recordings.body.solve_body", lambda *_, **__: body)
     times = np.arange(RATE_HZ // 2) / RATE_HZ
     ringing = np.sum(
         [np.exp(-np.pi * LOSS_FACTOR * f * times) * np.sin(2 * np.pi * f * times) for f in FACTOR * MODES_HZ],

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from toys import REPOSITORY
 
-from objectfolder.audio.materials import read_materials
+from objectfolder.making.materials import read_materials
 from objectfolder.products.provenance import fingerprint
 from objectfolder.products.store import Product, write_product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file

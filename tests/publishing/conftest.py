@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import read_product, write_product
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.record import simulate_touches
 
 # The servers that tests of the pipeline stand up are modules of its folder.
 sys.path.append(str(Path(__file__).parents[1] / "pipeline"))

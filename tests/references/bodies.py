@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.materials import Material
+from objectfolder.making.materials import Material
 from objectfolder.surface.surface import Surface
 from tests.references.axisymmetric import FINER, body_of_revolution
 from tests.references.meridian import Meridian, Path, Wall

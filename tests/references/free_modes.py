@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.adaptive import Goal, adapt_spectrum
-from objectfolder.audio.modes.boundary import Boundary
-from objectfolder.audio.modes.canonical import canonical_rotation
-from objectfolder.audio.modes.modes import waves_of
-from objectfolder.audio.modes.spectrum import space_on
-from objectfolder.solid.filling import fill
+from objectfolder.making.materials import Material
+from objectfolder.making.modes.adaptive import Goal, adapt_spectrum
+from objectfolder.making.modes.boundary import Boundary
+from objectfolder.making.modes.canonical import canonical_rotation
+from objectfolder.making.modes.modes import waves_of
+from objectfolder.making.modes.spectrum import space_on
+from objectfolder.making.solid.filling import fill
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]

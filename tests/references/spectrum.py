@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.audio.materials import Material
+from objectfolder.making.materials import Material
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from objectfolder.audio.materials import read_materials
+from objectfolder.making.materials import read_materials
 from tests.references.axisymmetric import Discretisation
 from tests.references.bodies import BODIES
 from tests.references.revolution import surface_of_revolution

@@ -19,8 +19,9 @@ from bench.factory.engines import (
     slide_in_mujoco,
 )
 from objectfolder.errors import InputError, UnsolvableError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.export.files import Credit
+from objectfolder.export.gltf import Part
+from objectfolder.making.mesh.ingest import ingest_object
 from objectfolder.object_file import ObjectFile
 from objectfolder.simulators import collision
 from objectfolder.simulators.asset import Asset, Contact, RigidBody
@@ -29,9 +30,8 @@ from objectfolder.simulators.formats import write_asset
 from objectfolder.simulators.parts_product import absent_parts, parts_of, parts_product
 from objectfolder.surface.convex_parts import ConvexParts, convex_hull
 from objectfolder.surface.surface import Surface
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.files import Credit
-from objectfolder.vision.export.gltf import Part
 from pipeline.publish.scenes.scene import write_scene
 from pipeline.publish.scenes.stable_poses import lay_out, stable_poses, standing, table_side
 

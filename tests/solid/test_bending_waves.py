@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from small_meshes import CUBE_FACES, CUBE_VERTICES
 
-from objectfolder.solid.bending_waves import BendingWaves
-from objectfolder.solid.filling import Filling, fill
+from objectfolder.making.solid.bending_waves import BendingWaves
+from objectfolder.making.solid.filling import Filling, fill
 from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.surface import Surface
 

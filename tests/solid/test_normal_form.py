@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from small_meshes import sphere
 
-from objectfolder.solid.normal_form import GRID, normal_form
+from objectfolder.making.solid.normal_form import GRID, normal_form
 from objectfolder.surface.surface import Surface
 
 VERTICES, FACES = sphere(0.37, 2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from objectfolder.solid.redundant_vertices import SURFACE_TOLERANCE, without_redundant_vertices
+from objectfolder.making.solid.redundant_vertices import SURFACE_TOLERANCE, without_redundant_vertices
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume
 

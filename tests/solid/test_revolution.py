@@ -6,11 +6,11 @@ import trimesh
 from small_meshes import CUBE_FACES, CUBE_VERTICES
 from walled_shapes import cap_volume, spherical_cap
 
-from objectfolder.solid.filling import fill
-from objectfolder.solid.normal_form import normal_form
-from objectfolder.solid.revolution import Revolution, revolution_of
-from objectfolder.solid.revolved import revolved_walls
-from objectfolder.solid.solid import Solid, boundary_of, clean, volumes
+from objectfolder.making.solid.filling import fill
+from objectfolder.making.solid.normal_form import normal_form
+from objectfolder.making.solid.revolution import Revolution, revolution_of
+from objectfolder.making.solid.revolved import revolved_walls
+from objectfolder.making.solid.solid import Solid, boundary_of, clean, volumes
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 

@@ -6,7 +6,7 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES, sphere
 from walled_shapes import spherical_cap
 
 from objectfolder.errors import InputError
-from objectfolder.solid.thickening import hollow
+from objectfolder.making.solid.thickening import hollow
 from objectfolder.surface.connectivity import edge_table
 from objectfolder.surface.signed_distance import surface_at_depth
 from objectfolder.surface.surface import Surface
@@ -18,7 +18,7 @@ NODES = 50_000
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("shell", "nodes"),
-    [(0.012, NODES), pytest.param(0.002, 200_000, marks=pytest.mark.release("objectfolder.solid"))],
+    [(0.012, NODES), pytest.param(0.002, 200_000, marks=pytest.mark.release("objectfolder.making.solid"))],
 )
 def test_a_ball_becomes_a_hollow_sphere(shell: float, nodes: int) -> None:
     vertices, faces = sphere(0.05, 4)

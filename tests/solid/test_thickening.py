@@ -6,8 +6,8 @@ from small_meshes import CUBE_FACES, CUBE_VERTICES
 from walled_shapes import cap_volume, spherical_cap
 
 from objectfolder.errors import InputError
-from objectfolder.solid.local_thickness import local_thickness
-from objectfolder.solid.thickening import thicken, unit_offsets
+from objectfolder.making.solid.local_thickness import local_thickness
+from objectfolder.making.solid.thickening import thicken, unit_offsets
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.winding_number import enclosed_volume, is_closed
 
@@ -109,7 +109,7 @@ def test_an_open_tube_is_a_sheet_though_its_two_ends_face_away() -> None:
 @pytest.mark.slow
 def test_a_tee_of_three_sheets_has_the_volume_of_their_union() -> None:
     """Three faces meet at an edge: each sheet ends there, and what they share is inside once."""
-    from objectfolder.solid.filling import fill
+    from objectfolder.making.solid.filling import fill
 
     vertices = np.array(
         [

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from pipeline.intake.sources.fetching import FETCHED, KEPT, Fetcher
 from pipeline.intake.sources.recorded_hashes import ChangedError, content_of, read_hashes
 from pipeline.intake.sources.registry import Resolutions

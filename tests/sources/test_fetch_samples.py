@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import textured_mesh_of
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.surface.textured_mesh import textured_mesh_of
 from pipeline.intake.sources.fetching import Fetched, Fetcher
 from pipeline.intake.sources.recorded_hashes import read_hashes
 from pipeline.intake.sources.registry import Resolutions

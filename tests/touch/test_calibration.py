@@ -5,12 +5,12 @@ import pytest
 from touch_shapes import psnr_db, sphere
 
 from objectfolder.errors import InputError
+from objectfolder.making.sensor.calibration import fit_table
 from objectfolder.surface.surface import Surface
-from objectfolder.touch.sensor.calibration import fit_table
+from objectfolder.touch.presses.press import render_poses
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
-from objectfolder.touch.truth.press import render_poses
 
 SENSOR = read_sensor("gelsight").at_resolution(120, 160)
 RADIUS, DEPTHS = 0.004, (0.0008, 0.0014)

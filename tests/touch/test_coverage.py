@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import render_poses
 from objectfolder.touch.sensor.camera import coverage_grid, ray_grid
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import render_poses
 
 SENSOR = Sensor(image_height=40, image_width=30)
 PITCH = float(2 * np.tan(np.pi / 6) / 40)

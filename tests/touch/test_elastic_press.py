@@ -15,14 +15,14 @@ from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
 from objectfolder.touch.elastic import membrane
 from objectfolder.touch.elastic.influence import compliance
+from objectfolder.touch.presses.elastic_press import greatest_depth_m
+from objectfolder.touch.presses.press import press
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid, resolve, to_bytes
 from objectfolder.touch.sensor.gel import gel_normals, gel_sag, gel_slopes, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.sensor.shading import shade
-from objectfolder.touch.truth.elastic_press import greatest_depth_m
-from objectfolder.touch.truth.press import press
-from objectfolder.touch.truth.touches import Press
 from tests.drawn_examples import few_examples
 
 SENSOR = Sensor()
@@ -222,7 +222,7 @@ def test_the_oracle_agrees(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = Press(depth_m=0.0008, samples=1, contact="elastic")
     one = press(BUMPY, sensor, points, asked)
     grid = ray_grid(sensor, 1)
-    monkeypatch.setattr("objectfolder.touch.truth.press.Simulator", ReferenceSimulator)
+    monkeypatch.setattr("objectfolder.touch.presses.press.Simulator", ReferenceSimulator)
     monkeypatch.setattr(membrane, "_trace", lambda fields, *_: trace_membrane(fields, sensor, grid))
     other = press(BUMPY, sensor, points, asked)
     assert one.force_n == pytest.approx(other.force_n, rel=1e-6)

@@ -6,10 +6,10 @@ from touch_shapes import box, joined, mug, psnr_db, sphere
 
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import press, render_poses
+from objectfolder.touch.presses.touches import Press, Touches
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import press, render_poses
-from objectfolder.touch.truth.touches import Press, Touches
 
 SENSOR = Sensor()
 CUBE = Surface(*box((0, 0, 0), (0.06, 0.06, 0.06)))

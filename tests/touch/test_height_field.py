@@ -5,10 +5,10 @@ from touch_shapes import box, bumpy, joined, mug, sphere
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.height_field import REACH_M, gap_field, gel_grid
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.presses.press import press
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import press
-from objectfolder.touch.truth.touches import Press
 
 SENSOR = Sensor()
 SHAPE = (48, 32)

@@ -10,17 +10,18 @@ from PIL import Image
 from touch_shapes import sphere
 
 from objectfolder.errors import InputError
+from objectfolder.making import calibrate
+from objectfolder.making.sensor import own_calibration
+from objectfolder.making.sensor.ball_prints import Print, find_prints
+from objectfolder.making.sensor.own_calibration import OwnCalibration
 from objectfolder.surface.surface import Surface
-from objectfolder.touch import Press, calibrate, press, read_sensor
+from objectfolder.touch import Press, press, read_sensor
 from objectfolder.touch.elastic.markers import Markers
-from objectfolder.touch.sensor import own_calibration
-from objectfolder.touch.sensor.ball_prints import Print, find_prints
+from objectfolder.touch.presses.press import render_poses
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.magnification import pixels_per_metre
 from objectfolder.touch.sensor.marker_grid import MarkerGrid
 from objectfolder.touch.sensor.marker_tracking import track_markers
-from objectfolder.touch.sensor.own_calibration import OwnCalibration
-from objectfolder.touch.truth.press import render_poses
 from pipeline.cli import main
 from pipeline.intake.sensor_photographs import read_photographs
 
@@ -95,7 +96,7 @@ def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs, 
 
 
 @pytest.mark.slow
-@pytest.mark.release("objectfolder.touch")
+@pytest.mark.release("objectfolder.touch", "objectfolder.making.sensor")
 def test_a_gel_with_markers_is_calibrated_as_well_as_one_without(with_markers, calibration) -> None:
     found = calibrate(*with_markers, TRUE, RADIUS)
     assert found.markers is not None

@@ -6,12 +6,12 @@ from touch_shapes import sphere
 
 from objectfolder.errors import FormatError
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import press
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.illumination import Illumination, Strip, membrane_normals, photometric_table
 from objectfolder.touch.sensor.photometric_table import PhotometricTable, place_terms
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
-from objectfolder.touch.truth.press import press
-from objectfolder.touch.truth.touches import Press
 
 FLAT = Sensor(gel_sagitta_m=0.0, light_positions_m=(), light_colours=())
 

@@ -9,11 +9,11 @@ from touch_shapes import box, bumpy, psnr_db, sphere
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.presses.press import press, render_poses
+from objectfolder.touch.presses.touches import Press, Touches
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
 from objectfolder.touch.sensor.gel import gel_sag, gel_surface
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import press, render_poses
-from objectfolder.touch.truth.touches import Press, Touches
 from tests.drawn_examples import few_examples
 
 SENSOR = Sensor()

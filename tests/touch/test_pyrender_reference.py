@@ -14,17 +14,17 @@ from touch_shapes import box, bumpy, psnr_db, torus
 
 from objectfolder.errors import InputError, MissingPackageError, SimulationError
 from objectfolder.fidelity.feel import measure_renderers
+from objectfolder.making.touches.opengl import OpenGLRenderer, check_drawable
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import Product
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import press
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.camera import no_contact_image, ray_grid
 from objectfolder.touch.sensor.gel import gel_surface
 from objectfolder.touch.sensor.photometric_table import PhotometricTable
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
-from objectfolder.touch.truth.opengl import OpenGLRenderer, check_drawable
-from objectfolder.touch.truth.press import press
-from objectfolder.touch.truth.record import simulate_touches
-from objectfolder.touch.truth.touches import Press
 
 SLOW_FIXTURES = ("pool",)
 SENSOR = Sensor()
@@ -62,7 +62,7 @@ def reference(
     [
         "box",
         *(
-            pytest.param(name, marks=pytest.mark.release("objectfolder.touch"))
+            pytest.param(name, marks=pytest.mark.release("objectfolder.touch", "objectfolder.making.touches"))
             for name in ("bumpy ball", "torus")
         ),
     ],

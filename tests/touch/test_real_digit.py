@@ -4,10 +4,10 @@ import numpy as np
 from touch_shapes import sphere
 
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import render_poses
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.reading import background_kernel, calibrated
 from objectfolder.touch.sensor.sensor_file import read_sensor
-from objectfolder.touch.truth.press import render_poses
 
 RADIUS, DEPTH = 0.00235, 0.0014
 

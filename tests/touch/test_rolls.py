@@ -6,10 +6,10 @@ from touch_shapes import box, joined, mug, sphere
 
 from objectfolder.errors import QueryError
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import press, reach
+from objectfolder.touch.presses.touches import Press, Reach
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.press import press, reach
-from objectfolder.touch.truth.touches import Press, Reach
 
 SENSOR = Sensor()
 

@@ -8,9 +8,9 @@ import pytest
 from touch_shapes import sphere
 
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.press import Press, press, render_poses
 from objectfolder.touch.rendering.shadows import shadow_caster
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.press import Press, press, render_poses
 
 # The camera sees 40 x 30 mm of a flat gel 20 mm before it.
 FLAT = Sensor(

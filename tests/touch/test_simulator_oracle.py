@@ -12,14 +12,14 @@ from touch_shapes import box, bumpy, joined, mug, sphere, torus
 from objectfolder.surface.surface import Surface
 from objectfolder.touch.contact.indentation import indentation
 from objectfolder.touch.contact.patch import FacePatches
+from objectfolder.touch.presses.press import press, render_poses
+from objectfolder.touch.presses.touches import Press, Touches
 from objectfolder.touch.rendering.simulator import Simulator, TouchImage
 from objectfolder.touch.sensor.gel import gel_constants, gel_surface
 from objectfolder.touch.sensor.point_lights import point_lights
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.sensor.shading import cook_torrance
-from objectfolder.touch.truth.press import press, render_poses
-from objectfolder.touch.truth.touches import Press, Touches
 
 SENSOR = Sensor()
 SHAPES = {
@@ -41,13 +41,13 @@ SHAPES = {
 
 def reference_press(*query: Any) -> Touches:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.touch.truth.press.Simulator", ReferenceSimulator)
+        patch.setattr("objectfolder.touch.presses.press.Simulator", ReferenceSimulator)
         return press(*query)
 
 
 def reference_poses(*query: Any) -> list[TouchImage]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("objectfolder.touch.truth.press.Simulator", ReferenceSimulator)
+        patch.setattr("objectfolder.touch.presses.press.Simulator", ReferenceSimulator)
         return render_poses(*query)
 
 

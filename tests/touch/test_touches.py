@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from touch_shapes import box, bumpy, psnr_db, torus
 
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import read_product, write_product
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.surface import Surface
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.record import simulate_touches
-from objectfolder.touch.truth.touches import Press
 
 SENSOR = Sensor()
 
@@ -104,8 +104,8 @@ def test_a_touchnet_answers_held_out_touches_from_the_compressed_surface() -> No
     "object_id", ["062_dice", pytest.param("025_mug", marks=pytest.mark.release("objectfolder.touch"))]
 )
 def test_a_real_scan_is_answered_at_42_db_in_the_contact(shared_objects, object_id: str) -> None:
-    from objectfolder.mesh.cleaning import clean
-    from objectfolder.mesh.readers.load import load_mesh
+    from objectfolder.making.mesh.cleaning import clean
+    from objectfolder.making.mesh.readers.load import load_mesh
 
     mesh, _ = clean(load_mesh(shared_objects / object_id / "model.obj", with_textures=False))
     tensors = encode_surface(mesh.surface)

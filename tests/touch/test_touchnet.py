@@ -3,11 +3,11 @@ import pytest
 from touch_shapes import bumpy, psnr_db
 
 from objectfolder.errors import FormatError, QueryError
+from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.reading import calibrated, synthetic_background, with_noise
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.sensor_file import read_sensor
 from objectfolder.touch.touchnet import TouchNet
-from objectfolder.touch.truth.touches import Press
 
 SURFACE = bumpy(subdivisions=4)
 POINTS = SURFACE.sample(3, 1).points

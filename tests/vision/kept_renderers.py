@@ -5,8 +5,8 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from objectfolder.vision.truth.cycles import render
-from objectfolder.vision.truth.render_request import Scene, Shots
+from objectfolder.making.views.cycles import render
+from objectfolder.making.views.render_request import Scene, Shots
 
 # By samples a pixel, of which Blender takes one number a process.
 RENDERERS: dict[int, ProcessPoolExecutor] = {}

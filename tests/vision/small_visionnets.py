@@ -3,12 +3,12 @@
 import numpy as np
 import torch
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.visionnet.reflectance import Reflectance
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.network.material import Material
-from objectfolder.vision.network.reflectance import Reflectance
 from objectfolder.vision.network.sparse_grid import SparseGrid, covering_points
 from objectfolder.vision.visionnet.visionnet import VisionNet
 

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from objectfolder.vision.visionnet.training import EPSILON, Adam
+from objectfolder.making.visionnet.training import EPSILON, Adam
 
 
 def test_steps_are_those_of_the_formula_and_what_has_no_gradient_stays() -> None:

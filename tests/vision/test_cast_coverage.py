@@ -3,11 +3,11 @@ import dataclasses
 import numpy as np
 from vision_shapes import cube, sphere
 
+from objectfolder.making.views.passes import with_cast_coverage
+from objectfolder.making.views.render_request import Scene, unit_scene
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
-from objectfolder.vision.truth.passes import with_cast_coverage
-from objectfolder.vision.truth.render_request import Scene, unit_scene
 
 POSES, WIDTH = look_at(np.array([[0.0, -2.5, 0.0], [0.0, -2.5, 0.0]])), 16
 FIELD_OF_VIEW_DEG = 30.0

@@ -9,13 +9,13 @@ import trimesh
 from vision_shapes import cube
 
 import objectfolder
-from objectfolder.mesh.mesh import mesh_arrays
+from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.products.store import Array, Product, write_product
 from objectfolder.surface.codec import encode_surface
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.textured_mesh import mesh_arrays
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, uniform_on_sphere
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 from pipeline.cli import main
 from tests.small_file import bar_mesh

@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 from vision_shapes import cube, sphere
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.export.files import Credit
+from objectfolder.export.gltf import Part, write_glb
+from objectfolder.export.textured_surface import bake, pack, write_mesh, write_surface
+from objectfolder.making.mesh.readers.load import load_mesh
+from objectfolder.making.visionnet.reflectance import Reflectance, angle_inputs
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
-from objectfolder.vision.export.files import Credit
-from objectfolder.vision.export.gltf import Part, write_glb
-from objectfolder.vision.export.textured_surface import bake, pack, write_mesh, write_surface
 from objectfolder.vision.network.incidence import Incidence
 from objectfolder.vision.network.network_layout import SURROUNDINGS, weight_shapes
-from objectfolder.vision.network.reflectance import Reflectance, angle_inputs
 from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.visionnet.visionnet import VisionNet
 from pipeline.publish.export.base_colour import nearest_texture_colour, network_colour, texture_colour

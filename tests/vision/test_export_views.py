@@ -17,12 +17,7 @@ from scipy.spatial.transform import Rotation
 from vision_shapes import cube
 
 from objectfolder.errors import FormatError, InputError, MissingPackageError
-from objectfolder.products.store import Array, Product
-from objectfolder.surface.frames import UnitFrame
-from objectfolder.surface.surface import Surface
-from objectfolder.vision.cameras import look_at, pixel_rays, project, uniform_on_sphere
-from objectfolder.vision.compositing import on_white
-from objectfolder.vision.export.files import (
+from objectfolder.export.files import (
     MANIFEST,
     Credit,
     new_folder,
@@ -30,7 +25,12 @@ from objectfolder.vision.export.files import (
     write_exr,
     write_json,
 )
-from objectfolder.vision.export.posed_views import PosedViews
+from objectfolder.export.posed_views import PosedViews
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.cameras import look_at, pixel_rays, project, uniform_on_sphere
+from objectfolder.vision.compositing import on_white
 from pipeline.publish.export.colmap import quaternion, sparse_model, world_to_camera, write_colmap
 from pipeline.publish.export.transforms import write_transforms
 
@@ -336,7 +336,7 @@ def test_png_over_white_is_the_projects_image_on_white(views, tmp_path):
 def test_exr_holds_the_master_bit_for_bit(views, tmp_path):
     script = (
         "import sys, numpy as np; from pathlib import Path\n"
-        "from objectfolder.vision.export.files import write_exr\n"
+        "from objectfolder.export.files import write_exr\n"
         "import cv2\n"
         "rgba = np.load(sys.argv[1]); write_exr(Path(sys.argv[2]), rgba)\n"
         "read = cv2.imread(sys.argv[2], cv2.IMREAD_UNCHANGED)\n"

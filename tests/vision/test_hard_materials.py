@@ -12,16 +12,17 @@ import numpy as np
 import pytest
 from kept_renderers import render_in_kept
 
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.readers.load import load_mesh
+from objectfolder.making.views.cycles_process import render_in_children
+from objectfolder.making.views.passes import Passes, cast_passes
+from objectfolder.making.views.render_request import Scene, Shots
 from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
+from objectfolder.vision.lamps import LIGHT_POWER_W
 from objectfolder.vision.network.incidence import bent_share
-from objectfolder.vision.truth.cycles_process import render_in_children
-from objectfolder.vision.truth.passes import Passes, cast_passes
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W, Scene, Shots
 
 pytestmark = pytest.mark.slow
 
@@ -299,7 +300,7 @@ def test_constant_map_of_normals_shades_as_a_tilted_plane(light):
 LARGEST_PEAK_KIB = 640 * 1024
 
 
-@pytest.mark.release("objectfolder.vision")
+@pytest.mark.release("objectfolder.vision", "objectfolder.making.views")
 def test_texture_of_4096_texels_a_side_stays_below_640_mib():
     # A process of its own: the peak is that of the largest child so far, and this one has had others.
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:

@@ -11,8 +11,8 @@ from test_normal_maps import stored, with_maps
 from vision_shapes import cube
 
 from objectfolder.errors import FormatError
-from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.network.holes import without_holes
 from objectfolder.vision.network.incidence import UnitSurface

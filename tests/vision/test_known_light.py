@@ -13,6 +13,8 @@ from vision_shapes import cube, sphere
 
 from objectfolder.batch.sight import SightBatch
 from objectfolder.errors import FormatError, InputError, QueryError
+from objectfolder.making.visionnet.fitting import fit_visionnet
+from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_product
 from objectfolder.surface.frames import UnitFrame
@@ -31,8 +33,6 @@ from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.face_lattice import HALF_SIDE, FaceLattice, facing
 from objectfolder.vision.network.incidence import UnitSurface
 from objectfolder.vision.network.surface_maps import SurfaceMaps
-from objectfolder.vision.visionnet.fitting import fit_visionnet
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 from tests.small_file import bar_mesh
 

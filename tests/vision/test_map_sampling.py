@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from vision_shapes import cube
 
+from objectfolder.making.visionnet import map_sampling
+from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
+from objectfolder.making.visionnet.texture_means import add_texture
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.texture_lookup import bilinear
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.network.face_lattice import FaceLattice
-from objectfolder.vision.visionnet import map_sampling
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
-from objectfolder.vision.visionnet.texture_means import add_texture
 
 
 @pytest.mark.parametrize("cutoff", [None, 0.5])

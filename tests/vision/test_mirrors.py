@@ -8,15 +8,15 @@ from torch_renderer import TorchRenderer
 from vision_shapes import sphere
 
 from objectfolder.errors import FormatError
+from objectfolder.making.visionnet.fitting import filled_view, fit_visionnet, rays_to_meet, shows_itself
 from objectfolder.products.store import Array, Product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
 from objectfolder.vision.compiled import CompiledRenderer
 from objectfolder.vision.compositing import composite_on_white
+from objectfolder.vision.lamps import LIGHT_POWER_W
 from objectfolder.vision.network.incidence import Incidence, UnitSurface
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W
-from objectfolder.vision.visionnet.fitting import filled_view, fit_visionnet, rays_to_meet, shows_itself
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 WHITE = np.ones((1, 3))

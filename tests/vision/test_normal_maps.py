@@ -11,18 +11,18 @@ from small_visionnets import drawn_visionnet
 from vision_shapes import sphere
 
 from objectfolder.errors import FormatError
-from objectfolder.mesh.mesh import TexturedMesh
-from objectfolder.mesh.normal_maps import MappedNormals, corner_tangents
+from objectfolder.making.mesh.normal_maps import MappedNormals, corner_tangents
+from objectfolder.making.visionnet import map_sampling
+from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.surface.codec import decode_surface, encode_surface
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compiled.lighting import LitSurface
 from objectfolder.vision.network.face_lattice import FaceLattice, pack_levels, unpack_levels
 from objectfolder.vision.network.incidence import UnitSurface, bent_share
 from objectfolder.vision.network.surface_maps import SurfaceMaps
-from objectfolder.vision.visionnet import map_sampling
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 TILTED = np.array([0.36, 0.48, 0.8])

@@ -10,14 +10,14 @@ from test_normal_maps import stored, with_maps
 from vision_shapes import FACE_COLOURS, cube
 
 from objectfolder.errors import QueryError
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.views.passes import cast_passes
+from objectfolder.making.views.render_request import unit_scene
+from objectfolder.making.visionnet import map_sampling
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import srgb_decode, srgb_encode
-from objectfolder.vision.truth.passes import cast_passes
-from objectfolder.vision.truth.render_request import unit_scene
-from objectfolder.vision.visionnet import map_sampling
 from pipeline.publish.export.base_colour import network_colour
 
 CAMERAS = look_at(np.array([[1.4, -1.5, 1.3], [-1.4, 1.5, -1.3]]))

@@ -141,7 +141,7 @@ def test_memory_does_not_grow_with_the_number_of_lights(net: VisionNet) -> None:
     assert peak(1, 120000) - few < 100000 * (700 if net.computed else 500)
 
 
-@pytest.mark.release("objectfolder.vision")
+@pytest.mark.release("objectfolder.vision", "objectfolder.making.views")
 def test_two_hundred_lights_of_an_environment_in_bounded_memory(net: VisionNet) -> None:
     lights = uniform_on_sphere(200, 2.0, np.random.default_rng(9))
     tracemalloc.start()

@@ -14,22 +14,22 @@ from vision_shapes import cube, sphere
 from objectfolder import load
 from objectfolder.errors import FormatError, InputError
 from objectfolder.fidelity.sight import foreground_alpha, held_out_truth
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.views.views import simulate_views
+from objectfolder.making.visionnet import map_sampling
+from objectfolder.making.visionnet.fitting import fit_visionnet
+from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import Product
 from objectfolder.products.tensor_file import TensorFile, write_tensor_file
 from objectfolder.surface.codec import encode_surface
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compiled.bounding_volumes import BoundingVolumes
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.environment import Environment
 from objectfolder.vision.network.thin_glass import slab
-from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet import map_sampling
-from objectfolder.vision.visionnet.fitting import fit_visionnet
-from objectfolder.vision.visionnet.map_sampling import sample_maps, stored_mesh
 from objectfolder.vision.visionnet.visionnet import VisionNet
 from pipeline.publish.queries.description import info_lines
 from tests.small_file import bar_mesh

@@ -7,23 +7,15 @@ import pytest
 import torch
 from vision_shapes import sphere
 
-from objectfolder.products.store import Array, Product
-from objectfolder.surface.frames import UnitFrame
-from objectfolder.surface.surface import Surface
-from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
-from objectfolder.vision.compositing import composite_on_white, srgb_encode
-from objectfolder.vision.network.incidence import Incidence, UnitSurface
-from objectfolder.vision.network.reflectance import Reflectance, angle_inputs, highlight
-from objectfolder.vision.network.sparse_grid import SparseGrid
-from objectfolder.vision.truth.render_request import LIGHT_POWER_W
-from objectfolder.vision.visionnet.fitting import (
+from objectfolder.making.visionnet.fitting import (
     FEW_RAYS,
     MOST_TRAINING_RAYS,
     fit_visionnet,
     rays_to_average,
     rays_to_resolve,
 )
-from objectfolder.vision.visionnet.training import (
+from objectfolder.making.visionnet.reflectance import Reflectance, angle_inputs, highlight
+from objectfolder.making.visionnet.training import (
     LEAST_ALPHA,
     Adam,
     Priors,
@@ -32,6 +24,14 @@ from objectfolder.vision.visionnet.training import (
     encoded_slope,
     trace_training_rays,
 )
+from objectfolder.products.store import Array, Product
+from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.surface import Surface
+from objectfolder.vision.cameras import look_at, pixel_rays, sub_ray_offsets, uniform_on_sphere
+from objectfolder.vision.compositing import composite_on_white, srgb_encode
+from objectfolder.vision.lamps import LIGHT_POWER_W
+from objectfolder.vision.network.incidence import Incidence, UnitSurface
+from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 SIZE, FIELD_OF_VIEW_DEG = 32, 39.6
@@ -133,8 +133,8 @@ def psnr(truth: np.ndarray, answer: np.ndarray, where: np.ndarray | None = None)
     ("a white object", 20),
     ("an object of several components", 10),
     ("a black object", 1),
-    pytest.param("a texture of one colour", 10, marks=pytest.mark.release("objectfolder.vision")),
-    pytest.param("self-intersecting shells", 10, marks=pytest.mark.release("objectfolder.vision")),
+    pytest.param("a texture of one colour", 10, marks=pytest.mark.release("objectfolder.making.visionnet")),
+    pytest.param("self-intersecting shells", 10, marks=pytest.mark.release("objectfolder.making.visionnet")),
 ])  # fmt: skip
 def test_held_out_views_of_hard_cases_are_answered(name, margin_db):
     case = CASES[name]

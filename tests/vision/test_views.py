@@ -8,19 +8,19 @@ from kept_renderers import render_in_kept
 from vision_shapes import cube, sphere
 
 from objectfolder import child_process
-from objectfolder.device import DEVICE
 from objectfolder.errors import InputError, SimulationError
+from objectfolder.making.device import DEVICE
+from objectfolder.making.views import cycles_process
+from objectfolder.making.views.cycles import read_exr
+from objectfolder.making.views.cycles_process import render_in_children, render_series
+from objectfolder.making.views.passes import cast_passes
+from objectfolder.making.views.render_request import Scene, Shots, load_request, save_request, unit_scene
+from objectfolder.making.views.views import exposure, noise_floor, simulate_views
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at, project
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
-from objectfolder.vision.truth import cycles_process
-from objectfolder.vision.truth.conditions import CONDITIONS
-from objectfolder.vision.truth.cycles import read_exr
-from objectfolder.vision.truth.cycles_process import render_in_children, render_series
-from objectfolder.vision.truth.passes import cast_passes
-from objectfolder.vision.truth.render_request import Scene, Shots, load_request, save_request, unit_scene
-from objectfolder.vision.truth.views import exposure, noise_floor, simulate_views
+from objectfolder.vision.conditions import CONDITIONS
 
 LAMBERT = Appearance(roughness=1.0, metallic=0.0, specular=0.0)
 SMALL = {
@@ -129,7 +129,7 @@ def test_views_are_reproducible_whatever_the_threads_and_counts(in_conditions, m
     np.testing.assert_allclose(np.linalg.norm(first["camera_to_world"][:, :3, 3], axis=1), 2.5)
     images = np.random.default_rng(0).random((5, 24, 32, 4)).astype(np.float16)
     monkeypatch.setattr(
-        "objectfolder.vision.truth.views.render_series",
+        "objectfolder.making.views.views.render_series",
         lambda scene, series: [images[: len(shots.camera_to_world)] for shots in series],
     )
     other = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
@@ -265,7 +265,7 @@ def test_a_request_survives_the_way_to_the_child(tmp_path):
     ("resolution", "field_of_view", "radius"),
     [
         ((36, 16), 80.0, 1.2),
-        pytest.param((20, 44), 25.0, 3.0, marks=pytest.mark.release("objectfolder.vision")),
+        pytest.param((20, 44), 25.0, 3.0, marks=pytest.mark.release("objectfolder.making.views")),
     ],
 )
 def test_any_resolution_field_of_view_and_radius(resolution, field_of_view, radius):

@@ -5,16 +5,16 @@ import pytest
 from vision_shapes import cube
 
 from objectfolder.errors import FormatError, InputError, QueryError
+from objectfolder.making.views.cycles_process import render_in_children
+from objectfolder.making.views.render_request import Shots, unit_scene
+from objectfolder.making.views.views import simulate_views
+from objectfolder.making.visionnet.fitting import fit_visionnet
 from objectfolder.products.store import Product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white
 from objectfolder.vision.environment import ENVIRONMENTS, Environment, named_map
-from objectfolder.vision.truth.cycles_process import render_in_children
-from objectfolder.vision.truth.render_request import Shots, unit_scene
-from objectfolder.vision.truth.views import simulate_views
-from objectfolder.vision.visionnet.fitting import fit_visionnet
 from objectfolder.vision.visionnet.visionnet import VisionNet
 
 MATT = Appearance(roughness=0.9, metallic=0.0)

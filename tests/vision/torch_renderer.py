@@ -6,15 +6,15 @@ from functools import partial
 import numpy as np
 import torch
 
-from objectfolder.vision.network.incidence import UnitSurface
-from objectfolder.vision.network.network_layout import has_mirrors
-from objectfolder.vision.network.reflectance import (
+from objectfolder.making.visionnet.reflectance import (
     Mirrored,
     Reflectance,
     angle_inputs,
     fifth_power_of_rim,
     surrounding_inputs,
 )
+from objectfolder.vision.network.incidence import UnitSurface
+from objectfolder.vision.network.network_layout import has_mirrors
 from objectfolder.vision.network.sparse_grid import SparseGrid
 from tests.references.pixel_integration import integrate_pixels
 

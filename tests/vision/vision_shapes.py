@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 FACE_COLOURS = np.array(
     [[200, 40, 30], [30, 180, 60], [40, 60, 200], [220, 200, 40], [200, 200, 200], [90, 40, 120]],

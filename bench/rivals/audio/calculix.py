@@ -14,8 +14,8 @@ import numpy as np
 
 from bench.record import Stopwatch
 from bench.rivals.audio.outcome import MAX_FREQUENCY_HZ, Outcome
-from objectfolder.audio.materials import Material
-from objectfolder.solid.solid import Solid
+from objectfolder.making.materials import Material
+from objectfolder.making.solid.solid import Solid
 
 HOW = "apt-get install calculix-ccx"
 # Mid-side nodes of a C3D10 after its corners.

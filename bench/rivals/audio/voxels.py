@@ -13,9 +13,9 @@ from scipy import ndimage, sparse
 
 from bench.record import Stopwatch
 from bench.rivals.audio.voxel_grid import VoxelGrid, voxelise
-from objectfolder.audio.materials import Material
-from objectfolder.audio.modes.eigen import DENSE, Pencil, count_below, lowest_elastic, rigid_motions
 from objectfolder.errors import SimulationError
+from objectfolder.making.materials import Material
+from objectfolder.making.modes.eigen import DENSE, Pencil, count_below, lowest_elastic, rigid_motions
 from objectfolder.surface.surface import Surface
 
 Floats = NDArray[np.float64]

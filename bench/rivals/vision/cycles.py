@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from objectfolder.child_process import end_with
-from objectfolder.vision.truth.cycles import render
-from objectfolder.vision.truth.render_request import load_request
+from objectfolder.making.views.cycles import render
+from objectfolder.making.views.render_request import load_request
 
 
 def main() -> None:

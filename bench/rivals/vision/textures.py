@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 
 from objectfolder.errors import InputError, QueryError
-from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.products.store import Product
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.cameras import image_size
 from objectfolder.vision.compositing import srgb_decode
 from objectfolder.vision.network.incidence import UnitSurface

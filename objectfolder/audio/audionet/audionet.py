@@ -23,7 +23,6 @@ from objectfolder.audio.audionet.surface_kernel import (
     solve_triangular,
     triangular_factor,
 )
-from objectfolder.audio.damping import LAWS, RAYLEIGH
 from objectfolder.errors import FormatError
 from objectfolder.products.integer_coding import pack_integers, unpack_integers, unzigzag, zigzag
 from objectfolder.products.matrix_coding import unpack_matrix
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+LOSS_FACTOR, RAYLEIGH = "loss_factor", "rayleigh"
+LAWS = (LOSS_FACTOR, RAYLEIGH)  # by which dampings are made
 BARYCENTRIC_STEPS = 255
 DETOUR_STEP = 2.0**-13  # of the object's size
 MODE_TENSORS = ("eigenvalues", "dampings_per_s", "radiation_weights")

@@ -9,13 +9,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from objectfolder.audio.materials import Material, find_material, read_materials
 from objectfolder.errors import InputError
-from objectfolder.mesh.ingest import ingest_object
-from objectfolder.mesh.mesh import LONGEST_M, SHORTEST_M, UNUSUAL_M, TexturedMesh, textured_mesh_of
-from objectfolder.mesh.walls import WallFinding, WallMeasures
+from objectfolder.making.materials import Material, find_material, read_materials
+from objectfolder.making.mesh.ingest import ingest_object
+from objectfolder.making.mesh.walls import WallFinding, WallMeasures
+from objectfolder.making.solid.thickening import hollow, thicken
 from objectfolder.products.store import Product
-from objectfolder.solid.thickening import hollow, thicken
+from objectfolder.surface.textured_mesh import (
+    LONGEST_M,
+    SHORTEST_M,
+    UNUSUAL_M,
+    TexturedMesh,
+    textured_mesh_of,
+)
 from objectfolder.vision.appearance import OPAQUE
 from pipeline.dataset.catalogue import AS_IN_FILE, check_id
 from pipeline.intake.add.add_request import AddRequest

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from objectfolder.mesh.body import told_normals
-from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
-from objectfolder.mesh.walls import (
+from objectfolder.making.mesh.body import told_normals
+from objectfolder.making.mesh.walls import (
     ANY_MATERIAL,
     FACING_AWAY,
     THIN,
@@ -18,6 +17,7 @@ from objectfolder.mesh.walls import (
     millimetres,
 )
 from objectfolder.products.atomic import atomic_write
+from objectfolder.surface.textured_mesh import TexturedMesh, textured_mesh_of
 from pipeline.dataset.catalogue import AS_IN_FILE
 from pipeline.intake.add.addition import Checked
 from pipeline.intake.add.preview_views import Floats, Tint, draw, side_m, standard_views

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.parallel_views import LIGHT_DIRECTION, Floats, axes_towards, look
 from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 SAMPLES = 2
 """Rays a side of a pixel."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.readers.load import source_files
+from objectfolder.making.mesh.readers.load import source_files
 from objectfolder.products.provenance import file_digest
 
 LONGEST_ID = 100

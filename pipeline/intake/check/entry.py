@@ -4,15 +4,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import CleaningReport, clean
-from objectfolder.mesh.mesh import with_length
-from objectfolder.mesh.readers.load import load_mesh
-from objectfolder.mesh.walls import WallMeasures, measure_walls
+from objectfolder.making.materials import Material
+from objectfolder.making.mesh.cleaning import CleaningReport, clean
+from objectfolder.making.mesh.readers.load import load_mesh
+from objectfolder.making.mesh.walls import WallMeasures, measure_walls
 from objectfolder.products.provenance import file_digest
 from objectfolder.surface.connectivity import Topology
 from objectfolder.surface.integrals import solid_properties
+from objectfolder.surface.textured_mesh import with_length
 from pipeline.dataset.catalogue import ObjectRecord, number_in
 from pipeline.intake.sources.registry import SOURCES, source_and_name
 from pipeline.intake.sources.source import Source

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from objectfolder.mesh.cleaning import NESTED_REMEDY
-from objectfolder.mesh.walls import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
+from objectfolder.making.mesh.cleaning import NESTED_REMEDY
+from objectfolder.making.mesh.walls import CERTAIN, HEAVIER, LIGHTER, LIKELY, wall_findings
 from pipeline.intake.check.entry import ERROR, NOTE, WARNING, Entry, Finding, Shape
 
 LENGTH, MASS, SURFACE, WALLS, LOOKS = "length", "mass", "surface", "walls", "looks"
@@ -161,7 +161,7 @@ def check_looks(entry: Entry) -> Iterator[Finding]:
 
 
 def check_walls(entry: Entry) -> Iterator[Finding]:
-    """Find what `objectfolder.mesh.walls` finds; masses are left to the rule `mass`."""
+    """Find what `objectfolder.making.mesh.walls` finds; masses are left to the rule `mass`."""
     if entry.shape is None or entry.record is None or entry.material is None:
         return
     for wall in wall_findings(

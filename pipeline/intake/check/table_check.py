@@ -10,8 +10,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from objectfolder.audio.materials import Material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.making.materials import Material, read_materials
 from pipeline.dataset.catalogue import read_catalogue, read_rows
 from pipeline.dataset.counts import counted
 from pipeline.dataset.failures import table_text

@@ -8,7 +8,7 @@ from urllib.parse import unquote, urlsplit
 from pydantic import BaseModel, Field, StrictInt
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.mesh.readers.gltf_file import read_gltf_file
+from objectfolder.making.mesh.readers.gltf_file import read_gltf_file
 from pipeline.intake.sources.download import Downloader
 from pipeline.intake.sources.source import Download, Source
 

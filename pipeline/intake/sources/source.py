@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.mesh.readers.material_library import read_material_library
-from objectfolder.mesh.readers.obj import material_libraries
+from objectfolder.making.mesh.readers.material_library import read_material_library
+from objectfolder.making.mesh.readers.obj import material_libraries
 from pipeline.intake.sources.download import Downloader
 
 REMEDY = "The source's files are at fault, or laid out differently than they were: look at them."

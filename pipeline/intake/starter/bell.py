@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 from pipeline.intake.starter.patterns import between, flat, paint, smooth_noise, to_texture, unit_square
 from pipeline.intake.starter.revolution import resampled, revolve
 

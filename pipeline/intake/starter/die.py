@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 from pipeline.intake.starter.patterns import (
     SIZE,
     flat,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 from pipeline.intake.starter.patterns import (
     between,
     flat,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.surface.textured_mesh import TexturedMesh
 from pipeline.intake.starter.bell import bell
 from pipeline.intake.starter.die import die
 from pipeline.intake.starter.tableware import bowl, mug, plate

@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.export.files import new_folder
+from objectfolder.export.gltf import Part
+from objectfolder.export.textured_surface import baked_part, mesh_parts
+from objectfolder.making.materials import find_material, read_materials
 from objectfolder.object_file.object_file import ObjectFile
 from objectfolder.products.store import read_product
 from objectfolder.products.tensor_file import read_metadata
@@ -18,9 +21,6 @@ from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.formats import FORMATS, write_asset
 from objectfolder.simulators.parts_product import parts_of
 from objectfolder.surface.convex_parts import ConvexParts
-from objectfolder.vision.export.files import new_folder
-from objectfolder.vision.export.gltf import Part
-from objectfolder.vision.export.textured_surface import baked_part, mesh_parts
 from pipeline.dataset.product_kinds import OBJECT_FILES
 from pipeline.publish.export.exports import appearance_of, stored_colours
 from pipeline.publish.export.object_products import ObjectProducts, find_products

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from objectfolder.extras import needs_extra
-from objectfolder.mesh.mesh import TexturedMesh
 from objectfolder.surface.frames import UnitFrame
 from objectfolder.surface.surface import Surface
 from objectfolder.surface.texture_lookup import bilinear
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.cameras import GOLDEN_RATIO
 from objectfolder.vision.compositing import srgb_encode
 from objectfolder.vision.network.incidence import Incidence
@@ -17,7 +17,7 @@ from objectfolder.vision.network.sparse_grid import SparseGrid
 from objectfolder.vision.visionnet.visionnet import PREFIX, VisionNet
 
 if TYPE_CHECKING:
-    from objectfolder.vision.network.reflectance import Reflectance
+    from objectfolder.making.visionnet.reflectance import Reflectance
 
 # Directions of light over which the reflectance is summed.
 LIGHT_DIRECTIONS = 24
@@ -117,7 +117,7 @@ def _network_of(network: VisionNet) -> "tuple[SparseGrid, Reflectance]":
     with needs_extra("factory"):
         import torch
 
-    from objectfolder.vision.network.reflectance import Reflectance
+    from objectfolder.making.visionnet.reflectance import Reflectance
 
     tensors = {name.removeprefix(PREFIX): value for name, value in network.tensors().items()}
     grid = SparseGrid.from_bytes(tensors.pop("grid"), int(network.metadata()["grid_resolution"]))
@@ -139,7 +139,7 @@ def _reflectance_along_normal(
     with needs_extra("factory"):
         import torch
 
-    from objectfolder.vision.network.reflectance import angle_inputs, surrounding_inputs
+    from objectfolder.making.visionnet.reflectance import angle_inputs, surrounding_inputs
 
     features = grid.interpolation(position.astype(np.float32))
     aside = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from objectfolder.errors import InputError
+from objectfolder.export.files import Credit, straight_srgb, write_json
+from objectfolder.export.posed_views import PosedViews
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.cameras import project
-from objectfolder.vision.export.files import Credit, straight_srgb, write_json
-from objectfolder.vision.export.posed_views import PosedViews
 
 CAMERA_ID = 1
 # COLMAP's number of the PINHOLE model.

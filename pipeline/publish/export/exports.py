@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import Any
 
 import objectfolder
-from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.export.files import new_folder
+from objectfolder.export.posed_views import PosedViews
+from objectfolder.export.textured_surface import ColourOf, write_mesh, write_surface
+from objectfolder.making.materials import find_material, read_materials
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
 from objectfolder.surface.surface import Surface
 from objectfolder.vision.appearance import Appearance
-from objectfolder.vision.export.files import new_folder
-from objectfolder.vision.export.posed_views import PosedViews
-from objectfolder.vision.export.textured_surface import ColourOf, write_mesh, write_surface
 from pipeline.dataset.counts import counted
 from pipeline.publish.export.base_colour import nearest_texture_colour, network_colour
 from pipeline.publish.export.colmap import write_colmap

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import objectfolder
 from objectfolder.errors import InputError
+from objectfolder.export.files import new_folder
 from objectfolder.plugins import EXPORTS, Plugin, find_plugin, plugin_names
-from objectfolder.vision.export.files import new_folder
 from pipeline.publish.export.assets import ALL_FORMATS, all_objects, write_assets
 from pipeline.publish.export.exports import write_export
 from pipeline.publish.export.object_products import find_products

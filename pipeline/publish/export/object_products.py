@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from objectfolder.errors import InputError
-from objectfolder.mesh.cleaning import clean
-from objectfolder.mesh.mesh import TexturedMesh, textured_mesh_of
-from objectfolder.mesh.readers.load import load_mesh
+from objectfolder.export.files import MANIFEST, Credit, write_json
+from objectfolder.making.mesh.cleaning import clean
+from objectfolder.making.mesh.readers.load import load_mesh
 from objectfolder.products.store import read_attributes, read_product
 from objectfolder.products.tensor_file import read_metadata
-from objectfolder.vision.export.files import MANIFEST, Credit, write_json
+from objectfolder.surface.textured_mesh import TexturedMesh, textured_mesh_of
 from pipeline.dataset.product_kinds import COLLISION, OBJECT_FILES, OBJECTS, VIEWS
 from pipeline.dataset.records import RECORDS, read_records
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.vision.export.files import Credit, write_json
-from objectfolder.vision.export.posed_views import PosedViews
+from objectfolder.export.files import Credit, write_json
+from objectfolder.export.posed_views import PosedViews
 
 # There is no third set. Readers of the Blender-synthetic layout demand one.
 VALIDATION_NOTE = "the held-out views again: choose nothing by them that is then scored on the test views"

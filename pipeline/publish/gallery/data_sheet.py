@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.materials import Material
+from objectfolder.making.materials import Material
 from objectfolder.object_file import ObjectFile
 from pipeline.dataset.counts import counted
 from pipeline.dataset.measures import HEADLINE, number_at

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.materials import Material
 from objectfolder.errors import InputError
+from objectfolder.export.files import MANIFEST, new_folder, write_json
 from objectfolder.fidelity.sheets import webp
+from objectfolder.making.materials import Material
 from objectfolder.object_file import ObjectFile
-from objectfolder.vision.export.files import MANIFEST, new_folder, write_json
 from pipeline.dataset.counts import counted
 from pipeline.dataset.records import SAFE_ID
 from pipeline.dataset.stages import OBJECT_FILES

@@ -14,9 +14,9 @@ import numpy as np
 from PIL import Image
 
 import objectfolder
-from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.audio.synthesis import ContactBody, listening_gain, write_wav
 from objectfolder.errors import InputError
+from objectfolder.making.materials import find_material, read_materials
 from objectfolder.object_file import ObjectFile
 from objectfolder.products.regular_file import open_regular, read_regular, require_regular
 from objectfolder.query_values import real

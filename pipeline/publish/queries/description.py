@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.mesh.body import told_normals
+from objectfolder.making.mesh.body import told_normals
 from objectfolder.object_file import ObjectFile
 from objectfolder.vision.appearance import THIN
 from pipeline.dataset.counts import counted

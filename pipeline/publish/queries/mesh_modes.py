@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from objectfolder.audio.damping import LOSS_FACTOR
-from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.making.damping import LOSS_FACTOR
+from objectfolder.making.materials import find_material, read_materials
 from objectfolder.object_file import ObjectFile
 from pipeline.dataset.counts import columns, counted
 from pipeline.publish.queries.requests import ModesOfMesh
@@ -37,9 +37,9 @@ def solve_modes(mesh: Path, request: ModesOfMesh) -> dict[str, Any]:
         raise InputError("--material", "not given", f"Materials are {', '.join(sorted(materials))}.")
     material = find_material(materials, request.material, str(request.materials))
     # An Object File is listed without what meshes need.
-    from objectfolder.audio.modes.modes import simulate_modes
-    from objectfolder.mesh.ingest import ingest_object
-    from objectfolder.mesh.mesh import textured_mesh_of
+    from objectfolder.making.mesh.ingest import ingest_object
+    from objectfolder.making.modes.modes import simulate_modes
+    from objectfolder.surface.textured_mesh import textured_mesh_of
 
     start_s = time.process_time()
     ingestion = ingest_object(mesh, length_m=request.length_m, object_id=mesh.stem, with_textures=False)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.audio.materials import find_material, read_materials
 from objectfolder.errors import InputError
+from objectfolder.making.materials import find_material, read_materials
 from objectfolder.products.atomic import write_whole
 from pipeline.dataset.counts import columns, counted
 from pipeline.publish.queries.requests import FittingOfSound
@@ -47,18 +47,18 @@ def fit_sounds(
     if request.material is None:
         raise InputError("--material", "not given", f"Begin from one of {', '.join(sorted(materials))}.")
     material = find_material(materials, request.material, str(request.materials))
-    from objectfolder.audio.recordings.body import solve_body
-    from objectfolder.audio.recordings.fitting import (
+    from objectfolder.making.mesh.ingest import ingest_object
+    from objectfolder.making.recordings.body import solve_body
+    from objectfolder.making.recordings.fitting import (
         FEWEST_SHARE,
         LEAST_ALONE_CENTS,
         fit_body,
         fitted_material,
         partials_near_modes,
     )
-    from objectfolder.audio.recordings.partials import partials_of, partials_over
-    from objectfolder.audio.recordings.recording import read_recording
-    from objectfolder.mesh.ingest import ingest_object
-    from objectfolder.mesh.mesh import textured_mesh_of
+    from objectfolder.making.recordings.partials import partials_of, partials_over
+    from objectfolder.making.recordings.recording import read_recording
+    from objectfolder.surface.textured_mesh import textured_mesh_of
 
     start_s = time.process_time()
     recordings, own, names, warnings = [], [], [], []

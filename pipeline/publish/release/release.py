@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from objectfolder.errors import FormatError, InputError
+from objectfolder.export.files import MANIFEST, new_folder, write_json
 from objectfolder.products.atomic import write_whole
 from objectfolder.products.store import read_attributes
-from objectfolder.vision.export.files import MANIFEST, new_folder, write_json
 from pipeline.audit.comparison import Comparison
 from pipeline.audit.contents import Contents
 from pipeline.audit.findings import State

@@ -6,12 +6,12 @@ from vision_shapes import cube, sphere
 
 from bench.rivals.vision.textures import TexturedSurface, mean_colour, texture_colours
 from objectfolder.errors import InputError, QueryError
-from objectfolder.mesh.mesh import TexturedMesh
+from objectfolder.making.views.views import simulate_views
 from objectfolder.surface.frames import UnitFrame
+from objectfolder.surface.textured_mesh import TexturedMesh
 from objectfolder.vision.appearance import Appearance
 from objectfolder.vision.cameras import look_at
 from objectfolder.vision.compositing import composite_on_white, srgb_decode
-from objectfolder.vision.truth.views import simulate_views
 
 pytestmark = pytest.mark.release("bench.rivals")
 

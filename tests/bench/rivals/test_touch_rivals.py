@@ -11,10 +11,10 @@ from touch_shapes import bumpy, psnr_db
 from bench.rivals.published import OCTAVES, Perceptrons, encode
 from bench.rivals.touch.networks import FIRST, RIVALS, SECOND, fit_touch_network, render_deformation
 from objectfolder.errors import InputError
+from objectfolder.making.touches.record import simulate_touches
 from objectfolder.products.store import Product
 from objectfolder.touch.sensor.camera import no_contact_image
 from objectfolder.touch.sensor.sensor import Sensor
-from objectfolder.touch.truth.record import simulate_touches
 
 pytestmark = pytest.mark.release("bench.rivals")
 SENSOR = Sensor(image_height=32, image_width=24)
