@@ -66,6 +66,21 @@ def test_a_room_tells_type_checkers_and_python_the_same(room):
         package.nothing  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("objectfolder.audio.simulate_modes", "objectfolder.making.simulate_modes"),
+        ("objectfolder.mesh.load_mesh", "objectfolder.making.load_mesh"),
+        ("objectfolder.mesh.TexturedMesh", "objectfolder.surface.TexturedMesh"),
+    ],
+)
+def test_a_name_that_moved_works_where_it_was_and_warns(old, new):
+    warning = rf"{old} is now `{new}`; the old name goes with 0\.3"
+    with pytest.warns(DeprecationWarning, match=warning) as caught:
+        assert named_by(old) is named_by(new)
+    assert {caution.filename for caution in caught} == {__file__}
+
+
 def test_importing_rooms_loads_nothing_heavy():
     heavy = {"torch", "scipy", "numba", "zarr", "PIL", "bpy", "dask", "mujoco", "gymnasium", "xarray"}
     rooms = ", ".join(f"objectfolder.{room}" for room in ROOMS)

@@ -1,4 +1,4 @@
-"""Materials, modes of vibration, and the sound that they make."""
+"""Modes of vibration as an Object File holds them, and the sound that they make."""
 
 from typing import TYPE_CHECKING
 

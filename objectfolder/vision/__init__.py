@@ -1,4 +1,4 @@
-"""Cameras, light, and rendered truth."""
+"""Cameras, light, and images of an Object File."""
 
 from typing import TYPE_CHECKING
 
