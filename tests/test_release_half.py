@@ -31,7 +31,7 @@ def test_marks_name_packages(release_marks: dict[str, tuple[object, ...]]) -> No
 
 @pytest.mark.parametrize(
     ("option", "count"),
-    [("", 1), ("all", 2), ("pipeline,objectfolder.making.modes", 2), ("objectfolder", 2), ("pipeline", 1)],
+    [("", 1), ("all", 2), ("pipeline,objectfolder.audio.air", 2), ("objectfolder", 2), ("pipeline", 1)],
 )
 def test_release_tests_run_where_they_are_chosen(
     option: str, count: int, pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
@@ -55,7 +55,7 @@ def test_a_package_that_is_none_is_an_error(option: str) -> None:
 @pytest.mark.parametrize(
     ("file", "package", "counts"),
     [
-        ("objectfolder/making/modes/eigen.py", "objectfolder.audio", True),
+        ("objectfolder/audio/air/transfer.py", "objectfolder.audio", True),
         ("objectfolder/errors.py", "objectfolder.audio", True),
         ("objectfolder/audiofile/a.py", "objectfolder.audio", False),
         ("tests/audio/closed_form.py", "tests.audio.test_modes", True),

@@ -46,8 +46,9 @@ def noted(toys, name: str, seconds: float = 0.3, **expected: object) -> Job:
 def end_workers() -> None:
     """Kill the workers of this process."""
     for process in psutil.Process().children(recursive=True):
-        if "spawn_main" in " ".join(process.cmdline()):
-            process.kill()
+        with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended meanwhile
+            if "spawn_main" in " ".join(process.cmdline()):
+                process.kill()
 
 
 def overlap(root: Path, first: str, second: str) -> bool:
