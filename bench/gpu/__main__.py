@@ -15,6 +15,7 @@ from typing import Any
 from bench.gpu.elastic import elastic_equality, elastic_speed
 from bench.gpu.fidelity import sight_truth
 from bench.gpu.run import KNOWN, LEARNED, Run, objects, versions
+from bench.gpu.shear import shear_equality, shear_speed
 from bench.gpu.sight import sight_equality, sight_speed
 from bench.gpu.sound import hundred_modes, sound
 from bench.gpu.stages import sight_stages, touch_stages
@@ -61,12 +62,14 @@ def require_card(parser: argparse.ArgumentParser) -> None:
 PARTS: dict[str, Callable[[Run], Any]] = {
     "touch_speed_single": lambda run: touch_speed(run, "single"),
     "elastic_speed": elastic_speed,
+    "shear_speed": shear_speed,
     "hundred_modes": hundred_modes,
     "sight_speed": sight_speed,
     "known_sight_speed": lambda run: sight_speed(run, KNOWN),
     "touch_equality_single": lambda run: touch_equality(run, "single", 8 if run.on_cpu else 192),
     "touch_equality_double": lambda run: touch_equality(run, "double", 8 if run.on_cpu else 96),
     "elastic_equality": elastic_equality,
+    "shear_equality": shear_equality,
     "sound": sound,
     "sight_equality": sight_equality,
     "known_sight_equality": lambda run: sight_equality(run, KNOWN),
@@ -85,6 +88,7 @@ SINGLE_QUERIES = {
     "touch_equality_single",
     "touch_equality_double",
     "elastic_equality",
+    "shear_equality",
     "sound",
     "sight_equality",
     "known_sight_equality",

@@ -4,9 +4,13 @@ Needs the extra ``gpu``: torch and numba-cuda. The device ``"cpu"`` gives the sa
 """
 
 from objectfolder.batch.batch import Batch
+from objectfolder.batch.shear import BatchMarkers, BatchShear
 from objectfolder.batch.sight import SightBatch
 from objectfolder.batch.sound import SoundBatch
 from objectfolder.batch.touch import BatchTouches, TouchBatch, TouchImages
 from objectfolder.batch.world_touch import WorldTouch
 
-__all__ = ["Batch", "BatchTouches", "SightBatch", "SoundBatch", "TouchBatch", "TouchImages", "WorldTouch"]
+__all__ = [
+    "Batch", "BatchMarkers", "BatchShear", "BatchTouches", "SightBatch", "SoundBatch", "TouchBatch",
+    "TouchImages", "WorldTouch",
+]  # fmt: skip

@@ -60,8 +60,9 @@ class Layer:
 
     def __init__(self, sensor: Sensor, cell_m: float, device: torch.device, kind: Any) -> None:
         self.shape = rows, columns = _cells(sensor, cell_m)
-        pitch = sensor.gel_height_m / rows, sensor.gel_width_m / columns
+        self.pitch = pitch = sensor.gel_height_m / rows, sensor.gel_width_m / columns
         gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
+        self.gel = gel
         part = compliance(gel, self.shape, pitch, self.shape)
         self.padded = part._padded
         half = part._spectrum

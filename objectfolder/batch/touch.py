@@ -1,6 +1,6 @@
 """Thousands of touches of several objects at once: what `press` answers, as tensors on a device."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
@@ -9,6 +9,7 @@ import numpy as np
 from objectfolder.batch import contact_bodies, elastic, elastic_bodies
 from objectfolder.batch.pixels import MOST_PIXEL_RAYS, pixel_body
 from objectfolder.batch.resident import closest, joined, numbers, object_indices, resident_trees, upload
+from objectfolder.batch.shear import BatchShear, Compliance, GelShear, Push, joined_shears
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.patch import FacePatches
@@ -21,6 +22,8 @@ from objectfolder.touch.sensor.point_lights import point_lights
 from objectfolder.touch.sensor.sensor import Sensor
 from objectfolder.touch.sensor.table_lighting import table_lighting
 
+# Cells of the gel, what is seen of them, and their compliances sideways by rows and columns.
+_Gel = tuple[elastic.Layer, elastic.ElasticView, Callable[[tuple[int, int]], Compliance]]
 PRECISIONS = {"single": np.float32, "double": np.float64}
 
 
@@ -48,7 +51,7 @@ class BatchTouches:
     """n touches; the fields are those of `Touches`, as tensors on the device.
 
     ``relative_residual``, not among those, is that of `Contact`: which elastic contacts took too few steps.
-    Under the rigid model it and the force are no numbers.
+    Under the rigid model it and the force are no numbers. ``shear`` is there where the gel was sheared.
     """
 
     rgb: Tensor
@@ -63,6 +66,7 @@ class BatchTouches:
     saturated: Tensor
     force_n: Tensor
     relative_residual: Tensor
+    shear: BatchShear | None = None
 
 
 class TouchBatch:
@@ -149,6 +153,10 @@ class TouchBatch:
         contact: str | None = None,
         cell_m: float = Press.cell_m,
         steps: int = 32,
+        across_n: object = None,
+        torque_nm: object = None,
+        friction: object = 1.0,
+        marker_grid: tuple[int, int] | None = None,
         out: TouchImages | None = None,
     ) -> BatchTouches:
         """Press at points until the gel is indented by a depth, or bears a force.
@@ -164,7 +172,14 @@ class TouchBatch:
         contact, cell_m
             As of `Press`.
         steps
-            Of the elastic contact, all taken. `BatchTouches.relative_residual` says how exact it is then.
+            Of the elastic contact, and of its shear, all taken. `BatchTouches.relative_residual` and
+            `BatchShear.relative_residual` say how exact they are then.
+        across_n, torque_nm, friction
+            Shear an elastic gel, once it is pressed, by a load that grows in proportion: `force_n`,
+            `torque_nm` and `friction` of `solve_shear`, (n, 2), (n,) and (n,) or what repeats to it. Images
+            are those without shear.
+        marker_grid
+            Of the sheared gel, see `moved_markers`.
         out
             Images to be filled; new ones if None.
 
@@ -177,6 +192,8 @@ class TouchBatch:
         bends = query.contact_model == "elastic"
         if force_n is not None and depth_m is not None:
             raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
+        if across_n is not None and not (bends and steps > 0):
+            raise QueryError("across_n", "no elastic gel is sheared", "Ask with contact='elastic' and steps.")
         count = len(points)  # type: ignore[arg-type]
         which = object_indices(objects, count, self.count, self.device)
         places = numbers("points", points, (count, 3), self.device)
@@ -209,8 +226,16 @@ class TouchBatch:
             force = None if force_n is None else numbers("force_n", force_n, (count,), self.device)
             most = depths if force is None else torch.full_like(depths, limit)
             images = self._images(out, count)
-            layer = self._layers(cell_m)
-            answers = self._press_elastic(layer, which, poses, blocked, most, force, steps, images)
+            layer, push = self._layers(cell_m), None
+            if across_n is not None:
+                torque = None if torque_nm is None else numbers("torque_nm", torque_nm, (count,), self.device)
+                push = Push(
+                    numbers("friction", friction, (count,), self.device),
+                    numbers("across_n", across_n, (count, 2), self.device), torque, marker_grid, steps,
+                )  # fmt: skip
+            answers, shear = self._press_elastic(
+                layer, which, poses, blocked, most, force, steps, images, push
+            )
             self._change_surroundings(images, bends=True)
             penetration, bears, residual = (answer.to(torch.float64) for answer in answers)
             moved = penetration if force is not None else depths
@@ -220,14 +245,14 @@ class TouchBatch:
             images = self._see(which, poses, blocked, out)
             saturated = ~blocked & (depths >= saturation_depth_m(self.sensor) - TOLERANCE_M)
             penetration = torch.where(blocked, 0.0, depths)
-            bears = residual = torch.full_like(depths, torch.nan)
+            bears, residual, shear = *[torch.full_like(depths, torch.nan)] * 2, None
         contact_bodies.fit(
             count, which, penetration, *self._faces, self._housing, self._diagonals, poses, offset, blocked,
             reachable,
         )  # fmt: skip
         return BatchTouches(
             images.rgb, images.depth_m, images.mask, poses, touched, normals, reachable, offset, penetration,
-            saturated, bears, residual,
+            saturated, bears, residual, shear,
         )  # fmt: skip
 
     def see(
@@ -298,16 +323,19 @@ class TouchBatch:
         starts = _starts(counts)
         return starts, max(1, int(starts[-1]))
 
-    def _layer(self, cell_m: float) -> tuple[elastic.Layer, elastic.ElasticView]:
+    def _layer(self, cell_m: float) -> _Gel:
         layer = elastic.Layer(self.sensor, cell_m, self.device, self._numbers)
-        return layer, elastic.ElasticView(self.sensor, self._samples, layer, self._look)
+        view = elastic.ElasticView(self.sensor, self._samples, layer, self._look)
+        return layer, view, lru_cache(maxsize=16)(partial(Compliance, layer))
 
     def _press_elastic(
-        self, gel: tuple[elastic.Layer, elastic.ElasticView], which: Tensor, poses: Tensor, blocked: Tensor,
-        most: Tensor, force: Tensor | None, steps: int, images: TouchImages,
-    ) -> Tensor:  # fmt: skip
-        """Fill in images of gels pressed from poses on; return indentations, forces, residuals (3, n)."""
-        layer, view = gel
+        self, gel: _Gel, which: Tensor, poses: Tensor, blocked: Tensor,
+        most: Tensor, force: Tensor | None, steps: int, images: TouchImages, push: Push | None,
+    ) -> tuple[Tensor, BatchShear | None]:  # fmt: skip
+        """Fill in images of gels pressed from poses on; return indentation, force, residual (3, n); shear."""
+        layer, view, compliance = gel
+        shears: list[BatchShear] = []
+        sheared = None if push is None else GelShear(self.sensor, layer, push, compliance)
         most = torch.where(blocked, 0.0, most)
         answers = torch.empty((3, len(which)), dtype=self._kind, device=self.device)
         for first in range(0, len(which), elastic.TOUCHES_AT_ONCE):
@@ -330,7 +358,9 @@ class TouchBatch:
                 answers, (pressed.indentation_m, pressed.force_n, pressed.relative_residual), strict=True
             ):
                 answer[batch] = part[: len(margins)]
-        return answers
+            if sheared is not None:
+                shears.append(sheared(pressed, batch))
+        return answers, joined_shears(shears)
 
 
 def _starts(counts: Tensor) -> Tensor:

@@ -11,6 +11,11 @@ import objectfolder
 from bench.gpu import __main__ as gpu_bench
 from objectfolder.batch import Batch, SightBatch, TouchImages, WorldTouch, targets
 from objectfolder.errors import QueryError
+from objectfolder.touch.contact.height_field import gap_field
+from objectfolder.touch.elastic.contact_problem import solve_contact
+from objectfolder.touch.elastic.elastomer import Elastomer
+from objectfolder.touch.elastic.markers import moved_markers
+from objectfolder.touch.elastic.shear import solve_shear
 from objectfolder.touch.presses.press import press
 from objectfolder.touch.presses.touches import Press
 from objectfolder.touch.sensor.sensor_file import read_sensor
@@ -78,7 +83,9 @@ def test_a_touch_in_a_batch_is_what_it_is_alone_and_fills_the_room_it_is_given(f
     together = touch.press(which, points, **asked, out=out)
     assert together.rgb.data_ptr() == out.rgb.data_ptr()
     alone = touch.press(which[2:3], points[2:3], **{name: value[2:3] for name, value in asked.items()})
-    for name, value in vars(alone).items():
+    assert together.shear is None
+    for name in vars(alone).keys() - {"shear"}:
+        value = getattr(alone, name)
         np.testing.assert_array_equal(value[0], getattr(together, name)[2], err_msg=name)
     reached = ~(together.penetration_m == 0)
     seen = touch.see(which, together.sensor_to_object)
@@ -126,6 +133,44 @@ def test_elastic_touches_are_those_of_single_presses_and_state_their_residuals(f
         assert bool(answer.saturated[row]) == true.saturated[0]
     fewer = touch.press(which, points, contact="elastic", steps=4, **cells, **load).relative_residual
     assert 1e-3 < float(fewer.max()) < 1
+
+
+@pytest.mark.parametrize("twisted", [False, True])
+def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twisted):
+    sensor = files[0].touch.sensor.at_resolution(40, 30)
+    which, forces = np.array([1, 0, 1, 0]), np.array([2.0, 4.0, 3.0, 0.0])
+    points = np.concatenate([files[index].sample_contacts(1, seed=2)[0] for index in which])
+    across = np.array([[0.6, 0.4], [-0.5, 1.0], [0.0, 2.9], [0.1, 0.0]])  # the third slides, the last is off
+    torques = np.array([0.001, -0.003, 0.001, 0.0]) if twisted else [None] * 4
+    touch = Batch(files, "cpu", sensor=sensor).touch
+    asked = {"force_n": forces, "cell_m": 0.0005, "marker_grid": (5, 4), "friction": 0.8, "across_n": across}
+    asked |= {"torque_nm": torques} if twisted else {}
+    answer = touch.press(which, points, steps=40, **asked)
+    shear, drawn = answer.shear, answer.shear.markers.drawn_on(answer.rgb)
+    assert shear.sliding.tolist() == [False, False, True, True]
+    assert float(shear.relative_residual.max()) < 3e-5
+    gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
+    for row, index in enumerate(which):
+        first = answer.sensor_to_object[row].numpy().copy()
+        first[:3, 3] -= float(answer.penetration_m[row]) * first[:3, 0]
+        gap = gap_field(files[index].touch.net._patches, sensor, first, (60, 40))
+        contact = solve_contact(gap, 0.0005, gel, force_n=forces[row])
+        true = solve_shear(contact, gel, 0.8, across[row], torque_nm=torques[row], tolerance=1e-6)
+        markers = moved_markers(sensor, contact, true, (5, 4))
+        for name, close in (("displacement_m", 2e-8), ("pixels", 1e-4), ("rest_m", 0), ("rest_pixels", 0)):
+            moved = getattr(shear.markers, name)
+            moved = moved[row] if moved.ndim == 3 else moved
+            assert np.abs(moved.numpy() - getattr(markers, name)).max() <= close, (row, name)
+        assert (
+            np.abs(shear.shift_m[row].numpy() - true.shift_m).max() < 2e-8 + 2e-3 * np.abs(true.shift_m).max()
+        )
+        assert float(shear.twist_rad[row]) == pytest.approx(true.twist_rad, rel=2e-3, abs=1e-6)
+        levels = drawn[row].numpy().astype(int) - markers.drawn_on(answer.rgb[row].numpy())
+        assert np.abs(levels).max() <= 1
+    assert float((shear.markers.displacement_m[:3].abs()).max()) > 1e-4
+    assert (drawn != answer.rgb).any()
+    few = touch.press(which, points, steps=3, **asked).shear.relative_residual
+    assert 1e-3 < float(few.max()) < 1
 
 
 def test_strikes_equal_single_ones_to_a_millionth_of_their_peaks(files):
@@ -264,6 +309,8 @@ def test_impossible_queries_name_what_is_wrong(files, monkeypatch):
         touch.press(0, np.zeros((2, 4)))
     with pytest.raises(QueryError, match="out"):
         touch.see(0, np.eye(4)[None], out=TouchImages.empty(2, touch.sensor, "cpu"))
+    with pytest.raises(QueryError, match="across_n"):
+        touch.press(0, np.zeros((1, 3)), across_n=0.0)
     with pytest.raises(QueryError, match="both given"):
         touch.press(0, np.zeros((1, 3)), 0.001, force_n=1.0)
 

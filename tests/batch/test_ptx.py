@@ -16,7 +16,15 @@ import torch
 from known_corner import known_corner
 
 import objectfolder
-from objectfolder.batch import Batch, SightBatch, elastic_bodies, known_bodies, sight_bodies, targets
+from objectfolder.batch import (
+    Batch,
+    SightBatch,
+    elastic_bodies,
+    known_bodies,
+    shear_bodies,
+    sight_bodies,
+    targets,
+)  # fmt: skip
 from objectfolder.batch.elastic_bodies import membrane_body
 from objectfolder.batch.pixels import pixel_body
 
@@ -29,7 +37,7 @@ pytestmark = [
 ]
 TOUCH = {
     "locate", "find", "stand", "advance", "penetrate", "fit", "count", "project", "pixel", "lean",
-    "gap", "exceed", "descend", "compare", "deform", "membrane",
+    "gap", "exceed", "descend", "compare", "deform", "membrane", "balance", "restrain", "dot",
 }  # fmt: skip
 SIGHT = {
     "cast", "light", "bend", "inputs", "mirror", "reflect", "colour", "send", "spread", "substance",
@@ -48,6 +56,9 @@ FEW_STEPS = {
     elastic_bodies.exceed: 10,
     elastic_bodies.descend: 5,
     elastic_bodies.deform: 5,
+    shear_bodies.balance: 20,
+    shear_bodies.restrain: 10,
+    shear_bodies.dot: 5,
     known_bodies.gather: 5,
     sight_bodies.blend: 20,
 }
@@ -61,7 +72,7 @@ def kernels():
 
     def record(body, count, *arguments):
         types = [numba.typeof(part.numpy() if hasattr(part, "numpy") else part) for part in arguments]
-        met[kind][body] = tuple(types)
+        met[kind].setdefault(body, tuple(types))
         for part in arguments[-4:]:  # counts of none, views and faces of number 0
             if isinstance(part, torch.Tensor):
                 part.zero_()
@@ -72,7 +83,8 @@ def kernels():
     for kind in ("single", "double"):
         touch = Batch([bell], "cpu", precision=kind).touch
         touch.press(0, np.zeros((1, 3)))
-        touch.press(0, np.zeros((1, 3)), force_n=1.0, steps=1)
+        pressed = touch.press(0, np.zeros((1, 3)), force_n=1.0, steps=2, across_n=0.0, torque_nm=0.0)
+        pressed.shear.markers.drawn_on(pressed.rgb)
         touch.penetrations(0, np.eye(4)[None])
     kind = "sight"
     cameras, lights = bell.sample_views(1)

@@ -96,6 +96,20 @@ def moved_markers(
     >>> len(right), round(right.max(), 1)
     (63, 3.1)
     """
+    rest, pixels, radius = markers_at_rest(sensor, grid)
+    places = cells_at(sensor, rest, contact.displacement_m.shape)
+    # Rows descend in z and columns in y, and the gel gives way along -x.
+    fields = (-contact.displacement_m, -shear.displacement_m[1], -shear.displacement_m[0])
+    displacement = np.stack(
+        [map_coordinates(field, places, order=1, mode="nearest") for field in fields], axis=1
+    )
+    return Markers(rest, displacement, pixels, _seen(sensor, rest + displacement), radius)
+
+
+def markers_at_rest(
+    sensor: Sensor, grid: tuple[int, int] | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Markers of `moved_markers` on the untouched gel: `rest_m`, `rest_pixels` and `radius_pixels`."""
     own = sensor.marker_grid if grid is None else None
     if own is None:
         pixels, radius = (
@@ -111,16 +125,14 @@ def moved_markers(
         across, up = np.abs(y - sensor.gel_apex_m[1]), np.abs(z - sensor.gel_apex_m[2])
         on_gel = (across < sensor.gel_width_m / 2) & (up < sensor.gel_height_m / 2)
         y, z, pixels = y[on_gel], z[on_gel], pixels[on_gel]
-    rest = np.stack([gel_surface(sensor, y, z), y, z], axis=1)
-    cells = contact.displacement_m.shape
-    row = (0.5 - (z - sensor.gel_apex_m[2]) / sensor.gel_height_m) * cells[0] - 0.5
-    column = (0.5 - (y - sensor.gel_apex_m[1]) / sensor.gel_width_m) * cells[1] - 0.5
-    # Rows descend in z and columns in y, and the gel gives way along -x.
-    fields = (-contact.displacement_m, -shear.displacement_m[1], -shear.displacement_m[0])
-    displacement = np.stack(
-        [map_coordinates(field, [row, column], order=1, mode="nearest") for field in fields], axis=1
-    )
-    return Markers(rest, displacement, pixels, _seen(sensor, rest + displacement), radius)
+    return np.stack([gel_surface(sensor, y, z), y, z], axis=1), pixels, radius
+
+
+def cells_at(sensor: Sensor, points: np.ndarray, cells: tuple[int, ...]) -> np.ndarray:
+    """Rows and columns (2, n), parts of a cell included, of points (n, 3) on a gel of `cells`."""
+    down = (points[:, 2] - sensor.gel_apex_m[2]) / sensor.gel_height_m
+    right = (points[:, 1] - sensor.gel_apex_m[1]) / sensor.gel_width_m
+    return np.stack([(0.5 - down) * cells[0] - 0.5, (0.5 - right) * cells[1] - 0.5])
 
 
 def _spread(sensor: Sensor, grid: tuple[int, int]) -> np.ndarray:
@@ -136,14 +148,17 @@ def _middle(sensor: Sensor) -> np.ndarray:
     return (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
 
 
+def _pixel_slope(sensor: Sensor) -> float:
+    """Slope of the camera's rays from one pixel to the next."""
+    return float(2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height)
+
+
 def _tangents(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
     """Slopes (2, n) along y and z of the camera's rays through pixels (n, 2)."""
-    pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height
-    return np.asarray(((_middle(sensor) - pixels) * pitch).T[::-1])
+    return np.asarray(((_middle(sensor) - pixels) * _pixel_slope(sensor)).T[::-1])
 
 
 def _seen(sensor: Sensor, points: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) at which the camera sees points (n, 3) of the sensor frame."""
     away = points - np.array(sensor.camera_position_m)
-    pitch = 2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height
-    return np.asarray(_middle(sensor) - away[:, :0:-1] / away[:, :1] / pitch)
+    return np.asarray(_middle(sensor) - away[:, :0:-1] / away[:, :1] / _pixel_slope(sensor))

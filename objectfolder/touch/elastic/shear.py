@@ -12,6 +12,7 @@ restarted as by B. O'Donoghue & E. Candes 2015, Found. Comput. Math. 15.
 # Kernels are compiled for the types they meet.
 # mypy: disable-error-code="no-untyped-def"
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from objectfolder.errors import InputError, SimulationError
-from objectfolder.jit import kernel
+from objectfolder.jit import inner, kernel
 from objectfolder.touch.elastic.contact_problem import Contact
 from objectfolder.touch.elastic.elastomer import Elastomer
 from objectfolder.touch.elastic.tangential_influence import TangentialCompliance, tangential_compliance
@@ -338,6 +339,18 @@ def _balanced(aim: np.ndarray, load: _Load, lift: np.ndarray) -> tuple[np.ndarra
     return cut, lift
 
 
+@inner(kernel)
+def _limited(a, b, most, one):
+    """Length of a traction, the share of it that a limit leaves, and its direction, 0 within the limit.
+
+    Batches call it, too: all numbers are of the type of `one`.
+    """
+    length = math.sqrt(a * a + b * b)
+    if length <= most:
+        return length, one, one - one, one - one
+    return length, most / length, a / length, b / length
+
+
 @kernel
 def _cut(aim, limit, arm, total, lift, cut, slope, curvature):
     """Fill in the tractions that a lift gives, and slope (3,) and curvature (3, 3) of what it makes least."""
@@ -348,14 +361,11 @@ def _cut(aim, limit, arm, total, lift, cut, slope, curvature):
         e, f = arm[0, i], arm[1, i]
         a, b = aim[0, i] + lift[0] + lift[2] * e, aim[1, i] + lift[1] + lift[2] * f
         most = limit[i]
-        length = np.sqrt(a * a + b * b)
-        share, c, d = 1.0, 0.0, 0.0
+        length, share, c, d = _limited(a, b, most, 1.0)
         if length <= most:
             energy += length * length / 2
         else:
             energy += most * (length - most / 2)
-            share = most / length
-            c, d = a / length, b / length
         xx, xy, yy = share * (1 - c * c), -share * c * d, share * (1 - d * d)
         a, b = share * a, share * b
         cut[0, i], cut[1, i] = a, b
