@@ -6,7 +6,7 @@ steps of Newton's method. The last step is as short as those of single queries, 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -140,8 +140,8 @@ class GelShear:
         )
         self._radius, self._slope = radius, _pixel_slope(sensor)
 
-    def __call__(self, pressed: Pressed, touches: slice) -> BatchShear:
-        """Shear some of the touches, pressed by `Layer.press`."""
+    def part(self, pressed: Pressed, touches: slice) -> tuple[Tensor, ...]:
+        """Shear some of the touches, pressed by `Layer.press`; return what `joined` takes."""
         push, layer = self._push, self._layer
         friction, force = push.friction[touches], push.force_n[touches]
         torque = None if push.torque_nm is None else push.torque_nm[touches]
@@ -153,7 +153,7 @@ class GelShear:
         load = _Load(friction.to(pressure.dtype)[:, None, None] * pressure[cells], force, torque, layer)
         part = self._compliance(shape)
         sliding, motion = load.sliding()
-        load.total[sliding] = 0
+        load.total.masked_fill_(sliding[:, None], 0)
         traction, change, residual = load.least_energy(part, push.steps)
         along = load.field(motion)
         size = torch.linalg.vector_norm(along, dim=-1, keepdim=True)
@@ -166,17 +166,18 @@ class GelShear:
         whole = pressure.new_zeros((*pressure.shape, 2))
         whole[cells] = traction
         sideways = self._compliance(layer.shape).displacement(whole, pressure)
-        markers = self._markers(torch.cat([displacement[..., None], sideways.flip(-1)], -1))
-        twist = change[:, 2] / load.state[:, 6]
-        return BatchShear(change[:, :2].double(), twist.double(), sliding, residual.double(), markers)
+        change[:, 2] /= load.state[:, 6]
+        fields = torch.cat([displacement[..., None], sideways.flip(-1)], -1).flatten(1, 2)
+        moved = torch.stack([fields[:, at] * weight[:, None] for at, weight in self._corners]).sum(0)
+        return moved, change.double(), sliding, residual.double()
 
-    def _markers(self, fields: Tensor) -> BatchMarkers:
-        """Move markers by displacements (n, rows, columns, 3): inward, along columns' and rows' order."""
-        flat = fields.flatten(1, 2)
-        moved = -sum(flat[:, at] * weight[:, None] for at, weight in self._corners)
-        away = self._rest + moved - self._eye
+    def joined(self, parts: list[tuple[Tensor, ...]]) -> BatchShear:
+        """Return sheared touches one behind the other."""
+        inward, change, sliding, residual = (torch.cat(part) for part in zip(*parts, strict=True))
+        away = self._rest - inward - self._eye
         pixels = self._middle - away[..., [2, 1]] / away[..., :1] / self._slope
-        return BatchMarkers(self._rest, moved, self._rest_pixels, pixels, self._radius)
+        markers = BatchMarkers(self._rest, -inward, self._rest_pixels, pixels, self._radius)
+        return BatchShear(change[:, :2], change[:, 2], sliding, residual, markers)
 
 
 class _Load:
@@ -289,21 +290,6 @@ class _Load:
         # Without its check, which waits for the device.
         step[:, some] = torch.linalg.solve_ex(steep, slope[:, some, None])[0][..., 0]
         return step
-
-
-def joined_shears(parts: list[BatchShear]) -> BatchShear | None:
-    """Return shears of touches one behind the other; None of none."""
-    if not parts:
-        return None
-    first = parts[0].markers
-    moved, pixels = (
-        torch.cat([getattr(part.markers, name) for part in parts]) for name in ("displacement_m", "pixels")
-    )
-    names = "shift_m", "twist_rad", "sliding", "relative_residual"
-    return BatchShear(
-        *(torch.cat([getattr(part, name) for part in parts]) for name in names),
-        replace(first, displacement_m=moved, pixels=pixels),
-    )
 
 
 def _unit(motion: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ import numpy as np
 from objectfolder.batch import contact_bodies, elastic, elastic_bodies
 from objectfolder.batch.pixels import MOST_PIXEL_RAYS, pixel_body
 from objectfolder.batch.resident import closest, joined, numbers, object_indices, resident_trees, upload
-from objectfolder.batch.shear import BatchShear, Compliance, GelShear, Push, joined_shears
+from objectfolder.batch.shear import BatchShear, Compliance, GelShear, Push
 from objectfolder.batch.targets import Tensor, checked_device, torch
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.patch import FacePatches
@@ -334,8 +334,8 @@ class TouchBatch:
     ) -> tuple[Tensor, BatchShear | None]:  # fmt: skip
         """Fill in images of gels pressed from poses on; return indentation, force, residual (3, n); shear."""
         layer, view, compliance = gel
-        shears: list[BatchShear] = []
-        sheared = None if push is None else GelShear(self.sensor, layer, push, compliance)
+        shear = None if push is None else GelShear(self.sensor, layer, push, compliance)
+        parts = []
         most = torch.where(blocked, 0.0, most)
         answers = torch.empty((3, len(which)), dtype=self._kind, device=self.device)
         for first in range(0, len(which), elastic.TOUCHES_AT_ONCE):
@@ -352,15 +352,15 @@ class TouchBatch:
             )  # fmt: skip
             gaps, slopes = layer.gaps_and_slopes(starts, windows, forms)
             pressed = layer.press(gaps, most[batch], None if force is None else force[batch], steps)
-            parts = images.rgb[batch], images.depth_m[batch], images.mask[batch]
-            view.see(pressed, slopes, parts)
+            shown = images.rgb[batch], images.depth_m[batch], images.mask[batch]
+            view.see(pressed, slopes, shown)
             for answer, part in zip(
                 answers, (pressed.indentation_m, pressed.force_n, pressed.relative_residual), strict=True
             ):
                 answer[batch] = part[: len(margins)]
-            if sheared is not None:
-                shears.append(sheared(pressed, batch))
-        return answers, joined_shears(shears)
+            if shear is not None:
+                parts.append(shear.part(pressed, batch))
+        return answers, shear.joined(parts) if shear is not None and parts else None
 
 
 def _starts(counts: Tensor) -> Tensor:
