@@ -99,7 +99,7 @@ class Compliance:
             pressed = torch.fft.rfft2(pressure, self._padded)
             moved = [part + spectrum * pressed for part, spectrum in zip(moved, self._pressure, strict=True)]
         rows, columns = self.shape
-        return torch.fft.irfft2(torch.stack(moved, -1), self._padded, (1, 2))[:, :rows, :columns]
+        return torch.fft.irfft2(torch.stack(moved, -1), self._padded, (1, 2))[:, :rows, :columns].contiguous()
 
 
 class GelShear:
@@ -123,17 +123,8 @@ class GelShear:
     ) -> None:
         self._layer, self._push, self._compliance, like = layer, push, compliance, layer.grid
         rest, pixels, radius = markers_at_rest(sensor, push.marker_grid)
-        rows, columns = layer.shape
-        row, column = cells_at(sensor, rest, layer.shape)
-        row, column = np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)
-        top, left = np.minimum(row.astype(int), rows - 2), np.minimum(column.astype(int), columns - 2)
-        down, right = row - top, column - left
-        corners = [
-            ((top + i) * columns + left + j, (down if i else 1 - down) * (right if j else 1 - right))
-            for i in (0, 1)
-            for j in (0, 1)
-        ]
-        self._corners = [(upload(at, like.device), upload(weight, like.device)) for at, weight in corners]
+        across = 2 * cells_at(sensor, rest, layer.shape) / np.subtract(layer.shape, 1)[:, None] - 1
+        self._places = upload(across[::-1].T[None, None], like.device).to(like.dtype)
         places = rest, pixels, sensor.camera_position_m, _middle(sensor)
         self._rest, self._rest_pixels, self._eye, self._middle = (
             upload(part, like.device, np.float64) for part in places
@@ -167,9 +158,11 @@ class GelShear:
         whole[cells] = traction
         sideways = self._compliance(layer.shape).displacement(whole, pressure)
         change[:, 2] /= load.state[:, 6]
-        fields = torch.cat([displacement[..., None], sideways.flip(-1)], -1).flatten(1, 2)
-        moved = torch.stack([fields[:, at] * weight[:, None] for at, weight in self._corners]).sum(0)
-        return moved, change.double(), sliding, residual.double()
+        fields = torch.cat([displacement[..., None], sideways.flip(-1)], -1).movedim(-1, 1)
+        moved = torch.nn.functional.grid_sample(
+            fields, self._places.expand(len(force), -1, -1, -1), padding_mode="border", align_corners=True
+        )
+        return moved[:, :, 0].movedim(1, 2).double(), change.double(), sliding, residual.double()
 
     def joined(self, parts: list[tuple[Tensor, ...]]) -> BatchShear:
         """Return sheared touches one behind the other."""
@@ -211,10 +204,7 @@ class _Load:
         turn = motion[:, 2:] / self.state[:, 6:7]
         down = motion[:, :1] - turn * (column - self.state[:, 5:6])
         right = motion[:, 1:2] + turn * (row - self.state[:, 4:5])
-        rows, columns = self.limit.shape[1:]
-        return torch.stack(
-            [down[:, None].expand(-1, rows, -1), right[:, :, None].expand(-1, -1, columns)], -1
-        )
+        return torch.stack(torch.broadcast_tensors(down[:, None], right[:, :, None]), -1)
 
     def sliding(self) -> tuple[Tensor, Tensor]:
         """Whether loads (n,) are not borne, and unit motions (n, 3) with which objects slide under them.
@@ -225,14 +215,15 @@ class _Load:
         """
         most = PUSHED * self.limit.amax((1, 2))
         motion = _unit(self.total)
-        still = torch.zeros_like(self.limit)[..., None].expand(-1, -1, -1, 2)
+        still = self.limit.new_zeros((*self.limit.shape, 2))
         self.state[:, 1:4] = most[:, None] * motion
         _, curvature = self._balance(still, still)
         for _ in range(0 if self.free == 2 else SLIDING_STEPS):
             motion = _unit(self._solved(curvature, self.total))
             self.state[:, 1:4] = most[:, None] * motion
             _, curvature = self._balance(still, still)
-        taken = most * (motion[:, None] @ curvature @ motion[..., None]).flatten()
+        # Not a product of matrices, which a caller may have asked for in TF32.
+        taken = most * (motion[:, None] * curvature * motion[..., None]).sum((1, 2))
         work = (self.total * motion).sum(1)
         return (taken <= work) & (work > 0), motion
 
@@ -254,7 +245,7 @@ class _Load:
                 state[:, 1:4] -= self._solved(curvature, slope - self.total)
             change = state[:, 1:4] / state[:, :1]
             moved = torch.empty_like(traction)
-            self._restrain(traction, displacement, moved)
+            shear_bodies.restrain((touches, columns), *self._cells(traction, displacement), moved)
             if step == steps - 1:
                 break
             displaced = part.displacement(moved)
@@ -267,20 +258,16 @@ class _Load:
         error = (moved - traction).abs().amax((1, 2, 3)) * part.greatest
         return moved, change, torch.where(scale > 0, error / scale.clamp_min(1e-30), 0.0)
 
-    def _records(self, traction: Tensor, displacement: Tensor) -> tuple[Tensor, ...]:
+    def _cells(self, traction: Tensor, displacement: Tensor) -> tuple[Tensor, ...]:
         return traction, displacement, self.limit, self.state, self.pitch
 
     def _balance(self, traction: Tensor, displacement: Tensor) -> tuple[Tensor, Tensor]:
         """Sums of the tractions that step and lift give (n, 3), and their change with the lift (n, 3, 3)."""
         count, _, columns = self.limit.shape
         sums = self.limit.new_empty((count, columns, shear_bodies.SUMS))
-        shear_bodies.balance((count, columns), *self._records(traction, displacement), sums)
+        shear_bodies.balance((count, columns), *self._cells(traction, displacement), sums)
         total = sums.sum(1)
         return total[:, :3], total[:, 3:].unflatten(1, (3, 3))
-
-    def _restrain(self, traction: Tensor, displacement: Tensor, moved: Tensor) -> None:
-        size = len(moved), moved.shape[2]
-        shear_bodies.restrain(size, *self._records(traction, displacement), moved)
 
     def _solved(self, curvature: Tensor, slope: Tensor) -> Tensor:
         """Lifts (n, 3) by which sums change so much; without a torque nothing turns."""
