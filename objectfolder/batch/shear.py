@@ -53,7 +53,11 @@ class BatchMarkers:
 
 @dataclass(frozen=True, eq=False)
 class BatchShear:
-    """Sheared contacts of n touches: shift_m, twist_rad, sliding and relative_residual, as of `Shear`."""
+    """Sheared contacts of n touches; the fields are those of `Shear`, on the device.
+
+    ``shift_m`` is (n, 2), ``twist_rad``, ``sliding`` and ``relative_residual`` are (n,). Fields over cells
+    are not kept; ``markers`` are what moves with them.
+    """
 
     shift_m: Tensor
     twist_rad: Tensor
