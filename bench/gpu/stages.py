@@ -9,7 +9,7 @@ from bench.gpu.run import LEARNED, Run, objects, touches
 
 def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
     """Milliseconds of each kernel, and of the networks of sight, synchronised after each."""
-    from objectfolder.batch import elastic, known_sight, learned_sight, sight_surfaces
+    from objectfolder.batch import elastic, known_sight, learned_sight, shear, sight_surfaces
     from objectfolder.batch.targets import Body
 
     figures: dict[str, float] = {}
@@ -30,6 +30,7 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
         "bounced": (known_sight.KnownSight, "bounced"),
         "hits": (sight_surfaces, "hits"),
         "displacement": (elastic.Layer, "displacement"),
+        "sideways": (shear.Compliance, "displacement"),
     }
     plain = {name: getattr(*part) for name, part in parts.items()}
     work()

@@ -179,7 +179,7 @@ class TouchBatch:
             `torque_nm` and `friction` of `solve_shear`, (n, 2), (n,) and (n,) or what repeats to it. Images
             are those without shear.
         marker_grid
-            Of the sheared gel, see `moved_markers`.
+            Rows and columns of the sheared gel's markers, as `grid` of `moved_markers`.
         out
             Images to be filled; new ones if None.
 
@@ -192,7 +192,8 @@ class TouchBatch:
         bends = query.contact_model == "elastic"
         if force_n is not None and depth_m is not None:
             raise QueryError("depth_m, force_n", "both given", "Ask for one of them.")
-        if across_n is not None and not (bends and steps > 0):
+        shears = any(value is not None for value in (across_n, torque_nm, marker_grid))
+        if shears and not (bends and steps > 0):
             raise QueryError("across_n", "no elastic gel is sheared", "Ask with contact='elastic' and steps.")
         count = len(points)  # type: ignore[arg-type]
         which = object_indices(objects, count, self.count, self.device)
@@ -227,11 +228,12 @@ class TouchBatch:
             most = depths if force is None else torch.full_like(depths, limit)
             images = self._images(out, count)
             layer, push = self._layers(cell_m), None
-            if across_n is not None:
+            if shears:
+                across = 0.0 if across_n is None else across_n
                 torque = None if torque_nm is None else numbers("torque_nm", torque_nm, (count,), self.device)
                 push = Push(
                     numbers("friction", friction, (count,), self.device),
-                    numbers("across_n", across_n, (count, 2), self.device), torque, marker_grid, steps,
+                    numbers("across_n", across, (count, 2), self.device), torque, marker_grid, steps,
                 )  # fmt: skip
             answers, shear = self._press_elastic(
                 layer, which, poses, blocked, most, force, steps, images, push

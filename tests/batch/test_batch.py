@@ -150,11 +150,13 @@ def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twist
     assert shear.sliding.tolist() == [False, False, True, True]
     assert float(shear.relative_residual.max()) < 3e-5
     gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
+    contacts = []
     for row, index in enumerate(which):
         first = answer.sensor_to_object[row].numpy().copy()
         first[:3, 3] -= float(answer.penetration_m[row]) * first[:3, 0]
         gap = gap_field(files[index].touch.net._patches, sensor, first, (60, 40))
         contact = solve_contact(gap, 0.0005, gel, force_n=forces[row])
+        contacts.append(contact)
         true = solve_shear(contact, gel, 0.8, across[row], torque_nm=torques[row], tolerance=1e-6)
         markers = moved_markers(sensor, contact, true, (5, 4))
         for name, close in (("displacement_m", 2e-8), ("pixels", 1e-4), ("rest_m", 0), ("rest_pixels", 0)):
@@ -169,6 +171,10 @@ def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twist
         assert np.abs(levels).max() <= 1
     assert float((shear.markers.displacement_m[:3].abs()).max()) > 1e-4
     assert (drawn != answer.rgb).any()
+    pressed = touch.press(which[0], points[:1], force_n=2.0, cell_m=0.0005, marker_grid=(5, 4)).shear
+    still = moved_markers(sensor, contacts[0], solve_shear(contacts[0], gel, 0.8, (0.0, 0.0)), (5, 4))
+    assert np.abs(pressed.markers.displacement_m[0].numpy() - still.displacement_m).max() < 2e-8
+    assert not pressed.sliding.any()
     few = touch.press(which, points, steps=3, **asked).shear.relative_residual
     assert 1e-3 < float(few.max()) < 1
 
@@ -310,7 +316,7 @@ def test_impossible_queries_name_what_is_wrong(files, monkeypatch):
     with pytest.raises(QueryError, match="out"):
         touch.see(0, np.eye(4)[None], out=TouchImages.empty(2, touch.sensor, "cpu"))
     with pytest.raises(QueryError, match="across_n"):
-        touch.press(0, np.zeros((1, 3)), across_n=0.0)
+        touch.press(0, np.zeros((1, 3)), marker_grid=(2, 2))
     with pytest.raises(QueryError, match="both given"):
         touch.press(0, np.zeros((1, 3)), 0.001, force_n=1.0)
 
