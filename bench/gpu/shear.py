@@ -26,8 +26,8 @@ def shear_equality(run: Run) -> dict[str, Any]:
     from objectfolder.batch import Batch
     from objectfolder.touch import Elastomer, moved_markers, solve_contact, solve_shear
     from objectfolder.touch.contact.height_field import gap_field
-    from objectfolder.touch.truth.elastic_press import _cells
-    from objectfolder.touch.truth.touches import Press
+    from objectfolder.touch.presses.elastic_press import _cells
+    from objectfolder.touch.presses.touches import Press
 
     files, count = objects(), 8 if run.on_cpu else 24
     which, points, asked = touches(count, files)
