@@ -39,6 +39,7 @@ MODULES = {
     "vision_known": "senses/vision",
     "hard_scans": "senses/vision_objects",
     "hard_scans_known": "senses/vision_objects",
+    "all_scans_known": "senses/vision_objects",
 }
 
 

@@ -9,7 +9,13 @@ import numpy as np
 
 from bench.record import cpu_seconds
 from bench.senses.catalogue import Scans
-from objectfolder.fidelity.sight import FOREGROUND_ALPHA, measure_sight
+from objectfolder.fidelity.sight import (
+    FOREGROUND_ALPHA,
+    LEAST_LIT_PIXELS,
+    LIT_RADIANCE,
+    measure_sight,
+    measure_within,
+)
 from objectfolder.making.views.views import simulate_views
 from objectfolder.making.visionnet.fitting import fit_visionnet
 from objectfolder.making.visionnet.map_sampling import sample_maps, stored_mesh
@@ -108,8 +114,16 @@ class Subject:
 
 
 def errors(rgba: np.ndarray, answer: np.ndarray) -> dict[str, float]:
-    """Return errors of images (n, h, w, 3) uint8 against truth (n, h, w, 4): means, and the worst view."""
+    """Return errors of images (n, h, w, 3) uint8 against truth (n, h, w, 4): means, and the worst views.
+
+    Lit pixels are as `fidelity.sight.lit_pixels` has them; nothing of them where no view has enough.
+    """
     rgba = rgba.astype(np.float32)
-    measured = measure_sight(on_white(rgba), rgba[..., 3] >= FOREGROUND_ALPHA, answer)
+    truth, alpha = on_white(rgba), rgba[..., 3]
+    foreground = alpha >= FOREGROUND_ALPHA
+    lit = foreground & (rgba[..., :3].max(axis=-1) > LIT_RADIANCE * alpha)
+    measured = measure_sight(truth, foreground, answer)
     worst = min(row["psnr_db"] for row in measured.pop("per_view"))
-    return {**measured, "worst_view_db": worst}
+    of_lit = measure_within(truth, lit, answer, LEAST_LIT_PIXELS)
+    measured["psnr_foreground_worst_db"] = min(measure_within(truth, foreground, answer))
+    return {**measured, "worst_view_db": worst, **({"psnr_lit_db": float(np.mean(of_lit))} if of_lit else {})}
