@@ -1,6 +1,6 @@
 """Sight of ten scans of seven materials, of ten hard ones, or of all, on held-out cameras and lights.
 
-    python -m bench vision_objects --folder FOLDER [--hard | --all] [--learned] [--objects CSV] [--only ID ...]
+    python -m bench vision_objects --folder FOLDER [--hard | --all] [--learned] [--objects CSV] [--only ID]
 
 It is computed from the known material, or learned from 100 views. Hard are thin wires, sharp spikes, many
 parts, and iron that lights itself; all are those of the table whose material a file can hold. Views, networks

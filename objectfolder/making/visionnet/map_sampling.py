@@ -24,8 +24,8 @@ PITCHES = {"normal": 1 / 192, "alpha": 1 / 256, "roughness": 1 / 192, "metallic"
 """Of each map's lattice, unit-frame lengths; a pixel of a data set's view of 128 pixels is 1/71."""
 
 ALBEDO_PITCHES = tuple(1 / count for count in (64, 96, 128, 160, 192, 224, 256))
-FINE_PITCHES = tuple(1 / count for count in (320, 384, 448, 512, 576, 640))
-ALBEDO_BYTES = {"learned": 64_000, "known": 290_000}
+FINE_PITCHES = tuple(1 / count for count in range(320, 641, 32))
+ALBEDO_BYTES = {"learned": 64_000, "known": 279_000}
 """Of these the finest that takes no more, beside a network of 870 kB and where there is none."""
 
 BYTES_POWER = 1.1
@@ -36,6 +36,15 @@ OF_TEXTURES = {"albedo": slice(0, 3), "alpha": slice(3, 4)}
 
 TAPS, ALPHA_TAPS = 3, 4
 """Places along each axis of a value's cell over which it is a mean; an even number halves at an edge."""
+
+FIT_TAPS, FIT_RELAXATION, FIT_LEVELS = 2, 1.5, 3
+"""Samples along each axis of a cell by which an albedo steps from means, which blur twice where they are
+interpolated, towards least squares; the length of the step; levels below which a value takes none: even
+surface has few bytes."""
+
+ROUNDED_UP = np.array([0.25, 0.75])
+"""What is added to a fine albedo's values in turn before they are rounded down: neighbours, which a pixel
+averages, are half a level finer together, and equal colours a pattern of few bytes."""
 
 
 def stored_mesh(mesh: TexturedMesh, stored: Surface) -> TexturedMesh:
@@ -106,7 +115,12 @@ def _finest_albedo(
     at = high // 2
     while low < high:
         pitch = pitches[at]
-        levels = _levels(mesh, surface, "albedo", lattice_of("albedo", triangles, pitch), 1.0, TAPS)
+        lattice = lattice_of("albedo", triangles, pitch)
+        levels = (
+            _fitted_albedo(mesh, lattice)
+            if material == "known"
+            else _levels(mesh, surface, "albedo", lattice, 1.0, TAPS)
+        )
         albedo = SurfaceMaps(surface, triangles, {"albedo": pitch}, {"albedo": levels})
         albedo = replace(albedo, streams=albedo.tensors())
         size = len(albedo.streams["albedo"])
@@ -120,11 +134,36 @@ def _finest_albedo(
     return finest
 
 
+def _fitted_albedo(mesh: TexturedMesh, lattice: FaceLattice) -> np.ndarray:
+    """Return levels (size, 3) uint8 of the albedo by which what is interpolated is near to the texture."""
+    # Importing numba is slow.
+    from objectfolder.making.visionnet.texture_means import add_remainder
+
+    sums = _sums(mesh, "albedo", 1.0, lattice, _taps(TAPS))
+    values = lattice.mean(sums) * (255 / TAPS**2)
+    remainder, weight = np.zeros_like(values), np.zeros(len(values))
+    for texture, image in enumerate(mesh.textures):
+        add_remainder(
+            remainder, weight, values, image[..., OF_TEXTURES["albedo"]], mesh.texture_coordinates,
+            mesh.face_texture == texture, lattice, _taps(FIT_TAPS),
+        )  # fmt: skip
+    values *= MAP_WHOLE["albedo"] / 255
+    change = FIT_RELAXATION * MAP_WHOLE["albedo"] / 255 * remainder / np.maximum(weight, 1e-9)[:, None]
+    values += np.where(np.abs(change).max(axis=1, keepdims=True) >= FIT_LEVELS, change, 0.0)
+    turn = ROUNDED_UP[np.arange(len(values)) % len(ROUNDED_UP)]
+    return np.floor(np.clip(values, 0, MAP_WHOLE["albedo"]) + turn[:, None]).astype(np.uint8)
+
+
+def _taps(count: int) -> np.ndarray:
+    """Return (count,) offsets of samples along an axis of a cell."""
+    return (np.arange(count) + 0.5) / count - 0.5
+
+
 def _levels(
     mesh: TexturedMesh, surface: Surface, name: str, lattice: FaceLattice, constant: float, taps: int
 ) -> np.ndarray:
     """Levels (size, channels) uint8 of a map, the constant where no texture has it."""
-    steps = (np.arange(taps) + 0.5) / taps - 0.5
+    steps = _taps(taps)
     if name == "normal":
         mapped = MappedNormals(
             mesh.vertices, mesh.faces, surface.corner_normals, mesh.texture_coordinates, mesh.face_texture,
