@@ -37,8 +37,10 @@ PRESS_DEPTH_M = 0.001
 # An export has 24, for it is lit anew elsewhere. With these, colours differ by less than shadows do.
 LIGHT_DIRECTIONS = 4
 # Between places of colours, unit-frame lengths: the finest that has no more places.
-PITCHES = tuple(1 / count for count in (256, 192, 128, 96, 64, 32))
+PITCHES = tuple(1 / count for count in (256, 224, 192, 160, 128, 112, 96, 80, 64, 32))
 MOST_COLOURS = 150_000
+# Colours that a file states are means of so many along each axis of a cell: edges of prints have no steps.
+COLOUR_TAPS = 4
 USUAL_IMPULSE_N_S = 0.05
 PEAK_OF_FULL_SCALE = 0.33
 ARRAY_NAMES = {"int8": "Int8Array", "uint8": "Uint8Array", "int16": "Int16Array", "int32": "Int32Array"}
@@ -161,12 +163,15 @@ def surface_colours(file: ObjectFile) -> dict[str, np.ndarray]:
         face and steps along two edges, as of `FaceLattice.grids`.
     """
     lattice = _lattice(file.frame.to_unit(file.surface.vertices)[file.surface.faces])
-    face, barycentric = lattice.places(np.zeros((1, 2)))
     metallic = float((file.description["material"] or {}).get("metallic", 0.0))
-    colours = network_colour(
-        file.vision, file.surface, file.frame, face, barycentric, metallic, LIGHT_DIRECTIONS
+    taps = COLOUR_TAPS if file.vision.states("albedo") else 1
+    steps = (np.arange(taps) + 0.5) / taps - 0.5
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)
+    colours = sum(
+        network_colour(file.vision, file.surface, file.frame, *places, metallic, LIGHT_DIRECTIONS)[:, :3]
+        for places in map(lattice.places, offsets)
     )
-    levels = np.rint(colours[:, :3] * 255).astype(np.uint8)
+    levels = np.rint(colours * (255 / taps**2)).astype(np.uint8)
     corners, columns, rows, _ = lattice.grids
     return {
         "colours": np.diff(levels, axis=0, prepend=np.zeros((1, 3), dtype=np.uint8)),
