@@ -150,12 +150,12 @@ def shade_in_turn(
     colour = np.zeros((count, 3))
     for turn in range(turns):
         queried = visible.of(first[group] + (start + turn) % several[group])
-        once = queried.of(lead)
+        once = None if isinstance(shading.network, KnownLight) else queried.of(lead)
         for light, factor in lights[turn::turns]:
             irradiance = shading.arriving(queried.points, light)
             direct = shading.directly(queried, irradiance, light)
             colour += factor * sum_by_pixel(pixel, weight, direct, count)
-            if not isinstance(shading.network, KnownLight):
+            if once is not None and not isinstance(shading.network, KnownLight):
                 bounced = shading.network.bounced_by(once.points, once.appearance, irradiance[lead], light)
                 colour += factor * sum_by_pixel(pixel[lead], share, bounced, count)
     if isinstance(shading.network, KnownLight):

@@ -44,7 +44,7 @@ class Points:
 
     def of(self, row: np.ndarray) -> "Points":
         """Return some of the points."""
-        return Points(*(column[row] for column in vars(self).values()))
+        return Points(*(column.take(row, axis=0) for column in vars(self).values()))
 
 
 class Triangles(NamedTuple):
