@@ -24,7 +24,7 @@ PITCHES = {"normal": 1 / 192, "alpha": 1 / 256, "roughness": 1 / 192, "metallic"
 """Of each map's lattice, unit-frame lengths; a pixel of a data set's view of 128 pixels is 1/71."""
 
 ALBEDO_PITCHES = tuple(1 / count for count in (64, 96, 128, 160, 192, 224, 256))
-FINE_PITCHES = tuple(1 / count for count in range(320, 641, 32))
+FINE_PITCHES = tuple(1 / count for count in (320, 384, 448, 480, 512, 576, 640))
 ALBEDO_BYTES = {"learned": 64_000, "known": 279_000}
 """Of these the finest that takes no more, beside a network of 870 kB and where there is none."""
 
