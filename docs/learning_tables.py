@@ -206,6 +206,17 @@ def stand_in(figures: Figures) -> str:
             _interval(loss["points"], loss["interval_points"], ".1f"),
             _interval(detector["right_percent"], detector["interval_percent"], ".0f"),
         ])  # fmt: skip
+        for share, fewer in figures.get("fewer_queries", {}).get(sense, {}).items():
+            named = {
+                TRUTH: fewer["accuracy_percent"]["truth"],
+                FILE: fewer["accuracy_percent"]["object_file"],
+            }
+            rows.append([
+                f"{SENSE_NAMES[sense]}, {share} of the training queries",
+                *(f"{named[way]:.1f}" if way in named else "" for way in ways),
+                _interval(fewer["points"], fewer["interval_points"], ".1f"),
+                "",
+            ])  # fmt: skip
     return _rows(heading, rows)
 
 

@@ -116,9 +116,10 @@ class Regrasping(_Strict):
 
 
 class StandIn(_Strict):
-    """What the detector of the truth sees."""
+    """What the detector of the truth sees, and shares of the queries that networks are trained on, too."""
 
     detector_resolution: Sides
+    training_shares: tuple[Annotated[float, Field(gt=0, lt=1)], ...]
 
 
 class Settings(_Strict):

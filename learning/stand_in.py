@@ -4,8 +4,12 @@ Both answer the same queries: those that the data set stores with its ground tru
 either and tested on either. And a detector, which sees more pixels, is shown both and has to tell which is
 the truth. Tests are queries that are held out. So are all strikes: an Object File's sound is fitted to its
 training points, where it is nearer to the truth than elsewhere.
+
+A sense that names all objects cannot show a loss. So networks are also trained on fewer queries of each
+object, by as many steps.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -77,11 +81,24 @@ def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Ar
         for tested in SOURCES:
             encodings = packed(network, samples[tested])
             arrays |= {f"{trained}/{tested}/{name}": values for name, values in encodings.items()}
+        for share in settings.stand_in.training_shares:
+            training = first_of_each(own["training"], share)
+            longer = {"epochs": round(settings.encoder.epochs / share)}
+            parameters = settings.encoder.model_copy(update=longer)
+            network = fit_classifier(training, own["validation"], len(objects), parameters, seed)
+            arrays[f"{share}/{trained}"] = answers(network, samples["truth"]["test"].inputs)[1].numpy()
     samples = drawn(objects, _for_detector(settings), sense, seed)
     by_source = {split: _told_apart([samples[source][split] for source in SOURCES]) for split in SPLITS}
     detector = fit_classifier(by_source["training"], by_source["validation"], 2, settings.encoder, seed)
     arrays["detector"] = answers(detector, by_source["test"].inputs)[1][:, 0].numpy()
     return arrays
+
+
+def first_of_each(part: Labelled, share: float) -> Labelled:
+    """Return the first samples of each object, a share of them and one at least."""
+    rows = [torch.nonzero(part.labels == label)[:, 0] for label in part.labels.unique()]
+    chosen = torch.cat([own[: max(1, round(share * len(own)))] for own in rows])
+    return Labelled(part.inputs[chosen], part.labels[chosen])
 
 
 def _for_detector(settings: Settings) -> Settings:
@@ -170,6 +187,13 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
             LETTERS[sense]: lost_on_truth([arrays[sense, seed] for seed in settings.seeds])
             for sense in SENSES
         },
+        "fewer_queries": {
+            LETTERS[sense]: {
+                str(share): with_fewer([arrays[sense, seed] for seed in settings.seeds], share)
+                for share in settings.stand_in.training_shares
+            }
+            for sense in SENSES
+        },
         "retrieval": {
             LETTERS[first] + LETTERS[second]: {f"{a} to {b}": retrieved(first, second, a, b) for a, b in ways}
             for first, second in combinations(SENSES, 2)
@@ -188,21 +212,36 @@ def _right(test: Encoded) -> NDArray[np.bool_]:
     return np.asarray(test.log_probabilities.argmax(axis=1) == test.labels)
 
 
-def lost_on_truth(arrays_of_seeds: list[Arrays]) -> dict[str, Any]:
+def lost_on_truth(arrays_of_seeds: Sequence[Arrays]) -> dict[str, Any]:
     """Return how many points of recognition of the truth are lost by training on Object Files.
 
     Both networks are tested on the same queries: an object's loss is its mean over these and over seeds, and
     the interval of 95 % is over objects.
     """
-    losses, labels = [], []
-    for arrays in arrays_of_seeds:
-        on_truth, on_files = (_encoded(arrays, trained, "truth", "test") for trained in SOURCES)
-        losses.append(_right(on_truth).astype(np.float64) - _right(on_files))
-        labels.append(on_truth.labels)
-    shares = means_by_object(np.concatenate(losses), np.concatenate(labels)).values()
-    by_object = [100 * share for share in shares]
-    low, high = interval_over_objects(by_object)
-    return {"points": float(np.mean(by_object)), "interval_points": [low, high]}
+    tests = [
+        [_encoded(arrays, trained, "truth", "test") for trained in SOURCES] for arrays in arrays_of_seeds
+    ]
+    return _lost(np.stack([[_right(test) for test in row] for row in tests]), tests[0][0].labels)
+
+
+def with_fewer(arrays_of_seeds: Sequence[Arrays], share: float) -> dict[str, Any]:
+    """Return what `lost_on_truth` does, of networks trained on a share of the queries, and accuracies."""
+    labels = arrays_of_seeds[0]["truth/truth/test/labels"]
+    right = np.array(
+        [
+            [arrays[f"{share}/{trained}"].argmax(axis=1) == labels for trained in SOURCES]
+            for arrays in arrays_of_seeds
+        ]
+    )
+    accuracies = dict(zip(SOURCES, (100 * right.mean(axis=(0, 2))).tolist(), strict=True))
+    return {"accuracy_percent": accuracies, **_lost(right, labels)}
+
+
+def _lost(right: NDArray[np.bool_], labels: NDArray[np.int64]) -> dict[str, Any]:
+    """Return the points lost, given who is right: (seeds, `SOURCES`, n) of tests of objects (n,)."""
+    losses = 100 * (right[:, 0].astype(np.float64) - right[:, 1]).mean(axis=0)
+    by_object = list(means_by_object(losses, labels).values())
+    return {"points": float(np.mean(by_object)), "interval_points": list(interval_over_objects(by_object))}
 
 
 def _detector(arrays_of_seeds: list[Arrays]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from scipy.special import log_softmax
 
 from learning.common_space import SPACES, contrasted
 from learning.encoders import Encoded, Encoder
+from learning.networks import Labelled
 from learning.recognition import aligned, fused, inverse_temperature, of_several
 from learning.retrieval import (
     canonical_correlations,
@@ -17,7 +18,7 @@ from learning.retrieval import (
     similarities,
 )
 from learning.settings import Retrieval
-from learning.stand_in import detected, lost_on_truth
+from learning.stand_in import detected, first_of_each, lost_on_truth, with_fewer
 
 ASKED = Retrieval(dimensions=8, epochs=15, margin=0.2, temperature=0.1)
 
@@ -153,3 +154,14 @@ def test_points_lost_are_those_of_the_same_queries():
     assert answer["points"] == pytest.approx(30)
     low, high = answer["interval_points"]
     assert 10 <= low < 30 < high <= 60
+    fewer = {f"0.2/{source}": arrays[f"{source}/truth/test/logs"] for source in ("truth", "object_file")}
+    assert with_fewer([arrays | fewer] * 2, 0.2) == answer | {
+        "accuracy_percent": {"truth": 100, "object_file": 70}
+    }
+
+
+def test_fewer_queries_are_as_many_of_each_object():
+    labels = torch.tensor([0] * 10 + [1] * 6 + [2])
+    part = first_of_each(Labelled(torch.arange(17.0)[:, None], labels), 0.5)
+    assert part.inputs[:, 0].tolist() == [0, 1, 2, 3, 4, 10, 11, 12, 16]
+    assert part.labels.tolist() == [0] * 5 + [1] * 3 + [2]
