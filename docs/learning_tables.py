@@ -91,6 +91,11 @@ def recognition(figures: Figures) -> str:
     rows = [
         *([f"split by {name}", *cells(_accuracy, figures[name])] for name in protocols),
         *(
+            [f"by {name}, with nearest neighbours", *cells(_accuracy, figures[name]["with_neighbours"])]
+            for name in protocols
+            if "with_neighbours" in figures[name]
+        ),
+        *(
             [f"five together, by {name}", *cells(lambda row: f"{row['5']:.1f}", figures[name]["several"])]
             for name in protocols
         ),

@@ -20,24 +20,35 @@ PART = 256
 Floats = NDArray[np.float32]
 
 
-def with_neighbours(encoder: Encoder) -> Encoded:
-    """Return the test split with the votes of its nearest training samples among its log probabilities.
+def with_neighbours(encoder: Encoder) -> Encoder:
+    """Return an encoder whose log probabilities hold the votes of each sample's nearest training samples.
+
+    Validation and test have them. Training samples stay as they are: each would be its own neighbour.
 
     Features are whitened by their covariance within objects (linear discriminant analysis). A neighbour's
     vote falls with its distance beyond the nearest one's. Votes are normalised, and their logarithm is added
     to what the network says, `WEIGHT` times.
     """
-    training, test = encoder.splits["training"], encoder.splits["test"]
+    training = encoder.splits["training"]
     maps = whitening(training)
-    references, queries = training.features @ maps, test.features @ maps
-    votes = np.full(test.log_probabilities.shape, UNSEEN)
+    references = training.features @ maps
+    voted = {
+        split: _voted(part, training, references, part.features @ maps)
+        for split, part in encoder.splits.items()
+        if split != "training"
+    }
+    return replace(encoder, splits={"training": training, **voted})
+
+
+def _voted(part: Encoded, training: Encoded, references: Floats, queries: Floats) -> Encoded:
+    votes = np.full(part.log_probabilities.shape, UNSEEN)
     nearest, distances = _nearest(references, queries)
     scale = SHARE_OF_DISTANCE * np.median(distances)
     weights = np.exp(-(distances - distances[:, :1]) / scale)
     for column in range(NEIGHBOURS):
         votes[np.arange(len(queries)), training.labels[nearest[:, column]]] += weights[:, column]
     logs = np.log(votes / votes.sum(axis=1, keepdims=True))
-    return replace(test, log_probabilities=test.log_probabilities + WEIGHT * logs.astype(np.float32))
+    return replace(part, log_probabilities=part.log_probabilities + WEIGHT * logs.astype(np.float32))
 
 
 def whitening(training: Encoded) -> Floats:

@@ -12,6 +12,7 @@ from scipy.special import log_softmax
 
 from learning.encoders import Encoded, Encoder, encoded, train
 from learning.metrics import interval_over_objects, means_by_object, share_interval
+from learning.neighbours import with_neighbours
 from learning.runs import Objects
 from learning.samples import SENSES
 from learning.settings import Settings
@@ -134,10 +135,17 @@ def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
 
 
 def _shares(
-    objects: Objects, settings: Settings, senses: Sequence[str], protocol: str, seed: int
+    objects: Objects,
+    settings: Settings,
+    senses: Sequence[str],
+    protocol: str,
+    seed: int,
+    neighbours: bool = False,
 ) -> NDArray[np.float64]:
     """Return the share (objects,) of each object's test samples that senses name rightly."""
     encoders = [encoded(objects, settings, sense, protocol, seed) for sense in senses]
+    if neighbours:
+        encoders = [with_neighbours(encoder) for encoder in encoders]
     hits = named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, seed)
     labels = encoders[0].splits["test"].labels
     rounds = len(hits) // len(labels)
@@ -170,12 +178,16 @@ def _row(
         for seed in settings.seeds
     ]
     row: dict[str, Any] = {}
-    for joined in COMBINATIONS:
-        if set(joined) <= set(senses):
-            shares = [
-                workers.submit(_shares, objects, settings, joined, protocol, seed) for seed in settings.seeds
-            ]
-            row[name_of(joined)] = accuracies(workers.gather(shares))
+    for neighbours in (False, True):
+        named = {}
+        for joined in COMBINATIONS:
+            if set(joined) <= set(senses):
+                shares = [
+                    workers.submit(_shares, objects, settings, joined, protocol, seed, neighbours)
+                    for seed in settings.seeds
+                ]
+                named[name_of(joined)] = accuracies(workers.gather(shares))
+        row |= {"with_neighbours": named} if neighbours else named
     row["several"] = {
         LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
         for sense in senses

@@ -78,7 +78,9 @@ def _row(encoders: Sequence[Encoder], ids: Sequence[str]) -> dict[str, Any]:
     tests = [encoder.splits["test"] for encoder in encoders]
     return {
         **_recognised(tests, ids),
-        "with_neighbours": _recognised([with_neighbours(encoder) for encoder in encoders], ids),
+        "with_neighbours": _recognised(
+            [with_neighbours(encoder).splits["test"] for encoder in encoders], ids
+        ),
         "training_touches": [int(counts.min()), int(counts.max())],
         "nearest_training_place": float(np.mean([encoder.nearest_share for encoder in encoders])),
     }
