@@ -7,7 +7,7 @@ import trimesh
 
 from learning import occupancy
 from learning.encoders import Encoded
-from learning.occupancy import Shapes, fit, predicted
+from learning.occupancy import OVERLAP_WEIGHT, Shapes, fit, occupancy_loss, predicted
 from learning.reconstruction import object_probabilities
 from learning.settings import read_settings
 from learning.shapes import inside, near_surface, overlap, volume_points
@@ -57,6 +57,18 @@ def test_conditions_say_how_large_a_ball_is(trained, label):
     points = volume_points(1)
     ball = np.linalg.norm(points, axis=1) < RADII[label]
     assert overlap(inside(mesh, points), ball) > 0.93
+
+
+def test_leaving_a_thin_object_out_costs_its_overlap():
+    occupied = torch.zeros(2, 1000)
+    occupied[0, :500] = occupied[1, 0] = 1
+    right = torch.where(occupied > 0, 20.0, -20.0)
+    assert occupancy_loss(right, occupied) < 1e-6
+    without = right.clone()
+    without[1, 0] = -20
+    by_points = 20 / 2000
+    by_overlap = OVERLAP_WEIGHT * (1 - (1 + 1 / 2) / 2)
+    assert occupancy_loss(without, occupied) == pytest.approx(by_points + by_overlap, rel=1e-4)
 
 
 def test_points_about_surfaces_are_of_known_objects_alone(balls):
