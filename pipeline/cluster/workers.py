@@ -38,6 +38,7 @@ class Workers:
     pools_s: float
     threads: int = 0
     _admitted: dict[str, Mapping[str, float]] = field(default_factory=dict)  # their resources
+    _largest: dict[frozenset[str], int] = field(default_factory=dict)  # `largest_bytes` since the last look
     _refused: dict[str, str] = field(default_factory=dict)
     _changed_at: float = field(default_factory=time.monotonic)
     _looked_at: float = -math.inf
@@ -73,15 +74,19 @@ class Workers:
         if offers.keys() != self._admitted.keys():
             self._changed_at = now
         self._admitted = offers
+        self._largest.clear()
         self.threads = sum(infos[address]["nthreads"] for address in offers)
         if not offers:
             reasons = [why for address, why in list(self._refused.items()) if address in infos]
             self._check_wait(now - self._changed_at, reasons if len(reasons) == len(infos) else [])
         return True
 
-    def largest_bytes(self, needs: Collection[str]) -> int:
+    def largest_bytes(self, needs: frozenset[str]) -> int:
         """Return the memory of the largest worker that offers `needs`; `UNKNOWN_BYTES` without any."""
-        return max((int(worker[MEMORY_BYTES]) for worker in self._able(needs)), default=UNKNOWN_BYTES)
+        if needs not in self._largest:
+            sizes = (int(worker[MEMORY_BYTES]) for worker in self._able(needs))
+            self._largest[needs] = max(sizes, default=UNKNOWN_BYTES)
+        return self._largest[needs]
 
     def threads_that_offer(self, needs: Collection[str]) -> int:
         """Return the threads of all workers that offer `needs`."""
