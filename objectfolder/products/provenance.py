@@ -27,6 +27,7 @@ _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 NEUTRAL_MODULES = frozenset(
     {"objectfolder.errors", "objectfolder.products.canonical", "objectfolder.products.provenance"}
 )
+_PLAIN = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 _cache: dict[str, Any] = {}
 
 
@@ -52,11 +53,11 @@ def json_lines(value: Any, levels: int, indent: str = "") -> str:
     ``json.dumps`` takes several times as long where it indents. NaN is an error.
     """
     if levels == 0 or not value or not isinstance(value, Mapping | list | tuple):
-        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+        return _PLAIN.encode(value)
     deeper = f"{indent} "
     if isinstance(value, Mapping):
         ends = "{}"
-        items = [(f"{json.dumps(str(name), ensure_ascii=False)}: ", item) for name, item in value.items()]
+        items = [(f"{encode_basestring(str(name))}: ", item) for name, item in value.items()]
     else:
         ends = "[]"
         items = [("", item) for item in value]

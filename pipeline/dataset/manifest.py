@@ -9,6 +9,7 @@ import contextlib
 import csv
 import io
 import json
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -52,14 +53,14 @@ class Entry:
 def list_products(root: Path, stages: Iterable[Stage], states: Verified) -> list[Entry]:
     """Return the products that lie in the folders of `stages`; files that cannot be read are left out."""
     entries = []
-    for stage in stages:
-        for kind in stage.products:
-            paths = {object_id: kind.path(root, object_id) for object_id in kind.object_ids(root)}
-            states.md5s(paths.values())  # several at once
-            for object_id, path in paths.items():
+    for stage_name, kind in ((stage.name, kind) for stage in stages for kind in stage.products):
+        names = {object_id: f"{kind.folder}/{object_id}{kind.suffix}" for object_id in kind.object_ids(root)}
+        paths = [f"{root}{os.sep}{name}" for name in names.values()]  # a `Path` each would take as long
+        with states.moment():
+            states.md5s(paths)  # several at once
+            for (object_id, name), path in zip(names.items(), paths, strict=True):
                 with contextlib.suppress(FormatError, FileNotFoundError):
-                    content = states.identity(path)
-                    entries.append(Entry(object_id, stage.name, f"{kind.folder}/{path.name}", *content))
+                    entries.append(Entry(object_id, stage_name, name, *states.identity(path)))
     return entries
 
 

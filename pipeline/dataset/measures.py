@@ -113,7 +113,8 @@ def number_at(attributes: Mapping[str, Any], key: str) -> float | None:
     """Return the finite number at a dotted key of nested attributes, else None."""
     value: Any = attributes
     for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
+        # A dictionary first: the check of an abstract class takes most of a report's look at a number.
+        value = value.get(part) if isinstance(value, dict | Mapping) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

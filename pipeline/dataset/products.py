@@ -57,9 +57,9 @@ class ProductKind:
         if not folder.is_dir():
             return []
         return sorted(
-            path.name.removesuffix(self.suffix)
-            for path in folder.iterdir()
-            if path.name.endswith(self.suffix) and not path.name.startswith(".")
+            name.removesuffix(self.suffix)
+            for name in os.listdir(folder)
+            if name.endswith(self.suffix) and not name.startswith(".")
         )
 
     def sweep(self, root: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from objectfolder.errors import FormatError, InputError
-from objectfolder.products.provenance import package_versions, seed_from
+from objectfolder.products.provenance import Constant, package_versions, seed_from
 from pipeline.dataset.products import ProductKind
 from pipeline.dataset.task import Request
 from pipeline.dataset.tolerances import Tolerance
@@ -155,7 +155,7 @@ class Stage:
             "record": record,
             "inputs": digests,
             "code": states.code_identity(self.task.partition(":")[0]),
-            "packages": package_versions((*self.packages, *self.optional_packages(read))),
+            "packages": _versions((*self.packages, *self.optional_packages(read))),
             "seed": seed,
         }
         return Prepared(Request(object_id, paths, read, record, seed), parts, contents)
@@ -167,6 +167,11 @@ class Stage:
             for product in self.inputs
             if not product.attributes
         }
+
+
+@functools.cache
+def _versions(packages: tuple[str, ...]) -> Constant:
+    return Constant(package_versions(packages))
 
 
 def source_digest(path: Path, states: Verified) -> str:

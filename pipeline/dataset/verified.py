@@ -74,6 +74,15 @@ class Verified:
         self._changed, self._saved_sources = False, len(self._code)
         self._identities: dict[str, Constant] = {}
 
+    @contextlib.contextmanager
+    def moment(self) -> Iterator[None]:
+        """Look at each product once meanwhile: nothing is made, and what changes is seen by a later look."""
+        before, self._looks = self._looks, {}
+        try:
+            yield
+        finally:
+            self._looks = before
+
     def code_identity(self, module: str) -> Constant:
         """Return digests of a task's module and all that it imports, as of the first request.
 
@@ -98,10 +107,10 @@ class Verified:
         """
         return self._attributes(self._product(path), path, names)
 
-    def _attributes(self, entry: _Product, path: Path, names: Sequence[str]) -> dict[str, Any]:
+    def _attributes(self, entry: _Product, path: Path | str, names: Sequence[str]) -> dict[str, Any]:
         known = entry.attributes
         if not known.keys() >= set(names):
-            description = products.read_description(path)
+            description = products.read_description(Path(path))
             try:
                 known |= {
                     name: functools.reduce(operator.getitem, name.split("."), description) for name in names
@@ -143,7 +152,7 @@ class Verified:
             self._changed = True
         return entry.md5
 
-    def identity(self, path: Path) -> tuple[str, str, int]:
+    def identity(self, path: Path | str) -> tuple[str, str, int]:
         """Return a product's fingerprint, the MD5 of its bytes, and their number, of one look at it.
 
         Raises
@@ -180,7 +189,7 @@ class Verified:
         entry.whole = self._changed = True
         entry.attributes[FINGERPRINT] = fingerprint
 
-    def source_digest(self, path: Path, read: Callable[[Path], str] = file_digest) -> str:
+    def source_digest(self, path: Path | str, read: Callable[[Path | str], str] = file_digest) -> str:
         """Return the SHA-256 of a source file, or another digest that is always read of this file.
 
         Raises

@@ -7,6 +7,7 @@ from pathlib import Path
 from objectfolder.products.atomic import write_whole
 from pipeline.dataset.measures import FULL_IMAGE, HEADLINE, number_at
 from pipeline.dataset.stages import OBJECT_FILES
+from pipeline.dataset.verified import Verified
 from pipeline.publish.cards.croissant import croissant_text
 from pipeline.publish.cards.data_card import card_text, citation_text
 from pipeline.publish.cards.published_data_set import read_data_set
@@ -91,7 +92,7 @@ def summary_of(root: Path) -> DataSetSummary:
     )
 
 
-def write_cards(root: Path, folder: Path) -> list[Path]:
+def write_cards(root: Path, folder: Path, states: Verified | None = None) -> list[Path]:
     """Write croissant.json, data_card.md and CITATION.cff, each atomically; return their paths.
 
     Everything is a function of the Object Files, the reports in `folder`, ``data/records.json``,
@@ -104,7 +105,7 @@ def write_cards(root: Path, folder: Path) -> list[Path]:
     InputError
         See `read_data_set`.
     """
-    data_set = read_data_set(root, folder)
+    data_set = read_data_set(root, folder, states)
     texts = {
         folder / "croissant.json": croissant_text(data_set, root, folder),
         folder / "data_card.md": card_text(data_set, root, folder),

@@ -244,8 +244,9 @@ class Flow:
 
     def begin(self) -> list[Job]:
         """Settle what needs no work, and return the jobs whose inputs are there."""
-        for object_id in self._rows:
-            self._advance(object_id)  # settles current products, and delays the others
+        with self._verified.moment():
+            for object_id in self._rows:
+                self._advance(object_id)  # settles current products, and delays the others
         pending, self._delayed = self._delayed or {}, None
         with ThreadPoolExecutor(LOOKUPS, thread_name_prefix="look-up") as pool:
             return [job for jobs in pool.map(self._advance, pending) for job in jobs]

@@ -18,12 +18,13 @@ from pipeline.dataset.parameters import PARAMETERS, read_parameters
 from pipeline.dataset.records import read_table, write_records
 from pipeline.dataset.stage import Row, Stage, source_digest
 from pipeline.dataset.stages import STAGES
-from pipeline.dataset.verified import Verified
+from pipeline.dataset.verified import Verified, without_collector
 
 INPUTS = Path("data/inputs.json")
 BATCH = 64  # rows that a thread takes at once: handing one over takes longer than to see that it is known
 
 
+@without_collector()
 def write_inputs(root: Path) -> None:
     """Write what the table says now, for all of its objects.
 

@@ -96,7 +96,8 @@ def _converge(root: Path, names: Sequence[str], place: str | None) -> StageRun:
     summaries = converge(stages, root, parameters, selection.rows, runner_for, refusals, rest, states)
     with without_collector():
         changes = set_changed_aside(root, entries, summaries, states)
-        cache.add(write_manifest(root, tuple(STAGES.values()), read_failures(root), states))
+        manifest = write_manifest(root, tuple(STAGES.values()), read_failures(root), states)
+        cache.add(entry for entry in manifest if entries.get(entry.path) != entry)
         states.save()
     if extra_ids := sorted({name for summary in summaries for name in summary.removed} - records.listed):
         more = f" and {len(extra_ids) - NAMED} more" if len(extra_ids) > NAMED else ""

@@ -171,7 +171,7 @@ class DataSet:
         return [groups[key] for key in sorted(groups, key=lambda key: (-len(groups[key]), key))]
 
 
-def read_data_set(root: Path, folder: Path) -> DataSet:
+def read_data_set(root: Path, folder: Path, states: Verified | None = None) -> DataSet:
     """Read the data set at `root` whose reports lie in `folder`; of a long table, all its partitions.
 
     Raises
@@ -185,7 +185,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
     missing: list[FailedObject] = []
     definitions: dict[str, str] = {}
     for own in data_sets(root):
-        records, states = read_records(own), Verified(own)
+        records, own_states = read_records(own), states if states and own == root else Verified(own)
         object_ids = [name for name in sorted(records.rows) if OBJECT_FILES.path(own, name).is_file()]
         failures_by_id = {
             failure.object_id: FailedObject.of("objects", failure) for failure in records.refused
@@ -195,7 +195,7 @@ def read_data_set(root: Path, folder: Path) -> DataSet:
         unmade = records.listed.difference(object_ids)
         missing += [failures_by_id.get(name, FailedObject(name, "", "not made", "")) for name in unmade]
         objects += [
-            _object(root, OBJECT_FILES.path(own, name), records.rows[name], figures.get(name, {}), states)
+            _object(root, OBJECT_FILES.path(own, name), records.rows[name], figures.get(name, {}), own_states)
             for name in object_ids
         ]
         definitions = definitions or _definitions(own, object_ids)

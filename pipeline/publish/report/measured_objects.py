@@ -13,6 +13,7 @@ from pipeline.dataset.failures import FailedObject
 from pipeline.dataset.measures import BYTES, REPORTED, Measure, number_at, smallest_margin_db
 from pipeline.dataset.products import ZARR
 from pipeline.dataset.stages import STAGES
+from pipeline.dataset.verified import without_collector
 from pipeline.run.costs import QUERY, Cost
 
 COST = Measure("cpu_seconds", "Cost, mesh to verified file", "CPU s", 0, False, 240.0)
@@ -32,7 +33,7 @@ class MeasuredObject:
     attributes: Mapping[str, Any]
     costs: Sequence[Cost] = ()
 
-    @property
+    @cached_property
     def object_id(self) -> str:
         """Name of the object in every table."""
         return str(self.description.get("id") or self.stored_name)
@@ -47,7 +48,7 @@ class MeasuredObject:
         """Id, name, material, licence, attribution, source and length."""
         return self.part("object")
 
-    @property
+    @cached_property
     def margin_db(self) -> float | None:
         """Smallest margin to a target, dB."""
         return smallest_margin_db(self.attributes)
@@ -101,7 +102,7 @@ class MeasuredObject:
     def part(self, name: str) -> Mapping[str, Any]:
         """Return a part of the attributes, empty where the product has none."""
         part = self.attributes.get(name)
-        return part if isinstance(part, Mapping) else {}
+        return part if isinstance(part, dict | Mapping) else {}
 
     def cost(self, stage: str) -> Cost | None:
         """Return the cost of the product that was measured, the latest where that is not known."""
@@ -130,6 +131,7 @@ class MeasuredObject:
         return value if isinstance(value, list) else []
 
 
+@without_collector()
 def read_objects(folder: Path, costs: Iterable[Cost]) -> tuple[list[MeasuredObject], list[FailedObject]]:
     """Read the attributes of every fidelity product of `folder`.
 

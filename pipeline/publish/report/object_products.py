@@ -57,7 +57,10 @@ class ObjectProducts:
 
     def digests(self, states: Verified) -> dict[str, str]:
         """Return what each product holds as a hash; a product that is absent or unreadable says so."""
-        return {kind: _digest(self.path(kind), DIGESTS[kind], states) for kind in SUFFIXES}
+        return {
+            kind: _digest(f"{self._data}{os.sep}{kind}{os.sep}{self._name}{suffix}", DIGESTS[kind], states)
+            for kind, suffix in SUFFIXES.items()  # a `Path` each would take as long
+        }
 
     def arrays(self, kind: str, *names: str, rows: slice = slice(None)) -> Product:
         """Return an archive with `rows` of these arrays of it, or of all where none is named.
@@ -138,7 +141,7 @@ def _read(archive: zipfile.ZipFile, name: str, descriptions: dict[str, dict[str,
     return Array(values, dims, str(attributes["units"]), str(attributes["long_name"]))
 
 
-def _digest(path: Path, read: Callable[[Path], str], states: Verified) -> str:
+def _digest(path: str, read: Callable[[Path | str], str], states: Verified) -> str:
     try:
         return states.source_digest(path, read)
     except FileNotFoundError:
@@ -147,7 +150,7 @@ def _digest(path: Path, read: Callable[[Path], str], states: Verified) -> str:
         return f"unreadable: {error}"
 
 
-def _directory_digest(path: Path) -> str:
+def _directory_digest(path: Path | str) -> str:
     """Return a hash of the directory of an archive, which has the checksum of every entry."""
     with open_regular(path) as file:
         file.seek(-END.size, os.SEEK_END)
@@ -156,7 +159,7 @@ def _directory_digest(path: Path) -> str:
         return hashlib.sha256(file.read(size)).hexdigest()
 
 
-def _metadata_digest(path: Path) -> str:
+def _metadata_digest(path: Path | str) -> str:
     return hashlib.sha256(canonical_json(read_metadata(path)).encode()).hexdigest()
 
 

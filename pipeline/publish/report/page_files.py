@@ -17,7 +17,7 @@ from pipeline.dataset.job import Job, Runner
 from pipeline.dataset.products import STATE, TENSORS
 from pipeline.dataset.stages import FIDELITY, OBJECT_FILES
 from pipeline.dataset.task import Call, Failure, Request
-from pipeline.dataset.verified import FINGERPRINT
+from pipeline.dataset.verified import FINGERPRINT, without_collector
 from pipeline.publish.report.object_page import PLAYER, ObjectPage, page_name, shown_fingerprint
 from pipeline.publish.report.object_products import SUFFIXES, UNEXPECTED
 
@@ -38,12 +38,13 @@ def write_pages(
     file_names: set[str] = set()
     stale = []
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    for page in pages:
-        if names := _current_files(page, folder, present):
-            file_names |= names
-            page_ids.add(page.subject.object_id)
-        else:
-            stale.append(page)
+    with without_collector():
+        for page in pages:
+            if names := _current_files(page, folder, present):
+                file_names |= names
+                page_ids.add(page.subject.object_id)
+            else:
+                stale.append(page)
     for page, files in draw_pages(stale, cache, runner_for):
         object_id = page.subject.object_id
         if isinstance(files, Failure):

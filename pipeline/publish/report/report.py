@@ -30,7 +30,7 @@ from pipeline.dataset.measures import (
 )
 from pipeline.dataset.products import PLAYERS
 from pipeline.dataset.stages import FIDELITY
-from pipeline.dataset.verified import Verified
+from pipeline.dataset.verified import Verified, without_collector
 from pipeline.publish.data_set import REPORTS, write_cards
 from pipeline.publish.report.charts import histogram, setting_medians, speed_error_chart
 from pipeline.publish.report.measured_objects import (
@@ -121,8 +121,10 @@ def make_report(root: Path) -> None:
 
     fidelity, reports = root / FIDELITY.folder, root / REPORTS
     with exclusive(root, "stage report"):
-        write_report(fidelity, costs_path(root), reports, read_failures(root), runner_for=runner_for)
-        write_cards(root, reports)
+        states, failures = Verified(root), read_failures(root)
+        write_report(fidelity, costs_path(root), reports, failures, runner_for=runner_for, states=states)
+        with without_collector():
+            write_cards(root, reports, states)
     print(f"Report: {REPORTS}/index.html")
 
 
@@ -134,6 +136,7 @@ def write_report(
     *,
     pairs: int = PAIRS,
     runner_for: RunnerFor | None = None,
+    states: Verified | None = None,
 ) -> None:
     """Write metrics.json, per_object.csv, speed_error.csv, index.html and a page an object in ``objects/``.
 
@@ -154,6 +157,8 @@ def write_report(
         Held-out queries of each sense that a page shows, at most.
     runner_for
         Who draws pages where many changed (see `pipeline.publish.report.page_files.draw_pages`).
+    states
+        What is known of products; read from beside `reports_folder` if it is not given.
 
     Raises
     ------
@@ -168,7 +173,7 @@ def write_report(
     for failure in all_failures:
         own.setdefault(failure.object, []).append(failure)
     ids = ["", *(subject.object_id for subject in objects), ""]
-    data, states = fidelity_folder.parent, Verified(reports_folder.parent)
+    data, states = fidelity_folder.parent, states or Verified(reports_folder.parent)
     pages = [
         ObjectPage(subject, data, ids[place], ids[place + 2], own.get(subject.object_id, ()), pairs, states)
         for place, subject in enumerate(objects)
@@ -200,6 +205,7 @@ def write_report(
         write_whole(reports_folder / name, text)
 
 
+@without_collector()
 def _render_index(
     objects: Sequence[MeasuredObject],
     measures: Sequence[MeasureSummary],
