@@ -122,8 +122,8 @@ def md5_of(path: Path | str) -> str:
 
 def kind_name(path: Path | str) -> str:
     """Return the name of a product without its object: kind and suffix."""
-    folder, name = os.path.split(path)
-    return f"{os.path.basename(folder)}{TENSORS if name.endswith(TENSORS) else ZARR}"
+    folder, _, name = str(path).rpartition(os.sep)
+    return f"{folder.rpartition(os.sep)[2]}{TENSORS if name.endswith(TENSORS) else ZARR}"
 
 
 def check(path: Path, fingerprint: str) -> None:

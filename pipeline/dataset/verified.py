@@ -221,9 +221,10 @@ class Verified:
         folders: dict[str, set[str]] = {}  # one look at each is cheaper than one at each file
         for entries in (self._kept.products, self._kept.sources):
             for key in list(entries):
-                folder, name = os.path.split(os.path.join(self._prefix, key))
+                folder, _, name = key.rpartition(os.sep)
                 if folder not in folders:
-                    folders[folder] = set(os.listdir(folder)) if os.path.isdir(folder) else set()
+                    path = os.path.join(self._prefix, folder)
+                    folders[folder] = set(os.listdir(path)) if os.path.isdir(path) else set()
                 if name not in folders[folder]:
                     del entries[key]
         _write(self._path, self._kept)
