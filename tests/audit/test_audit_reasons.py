@@ -31,6 +31,7 @@ from pipeline.audit.reasons import (  # fmt: skip
     Circumstances,
     _source,
 )
+from pipeline.dataset import stage as stage_module
 from pipeline.dataset.stages import MODES, OBJECT_FILES, STAGES, TOUCHES, VIEWS
 from pipeline.dataset.tolerances import as_json
 
@@ -193,11 +194,14 @@ def test_version_of_a_package(workshop, tmp_path, monkeypatch):
     metadata.write_text("Metadata-Version: 2.1\nName: torch\nVersion: 99.9\n")
     importlib.invalidate_caches()
     before = provenance_module._version("torch")
-    provenance_module._version.cache_clear()
+    caches = provenance_module._version, stage_module._versions
+    for cache in caches:
+        cache.cache_clear()
     try:
         found = audit_of_change(workshop)
     finally:
-        provenance_module._version.cache_clear()
+        for cache in caches:
+            cache.cache_clear()
     assert told(found, "cup") == {(PACKAGE, "torch")}
     assert sentences(found, "cup") == [f"package torch {before} -> 99.9"]
 

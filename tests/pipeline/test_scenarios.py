@@ -13,6 +13,7 @@ from workshop import Workshop, works
 from workshop import made as all_made
 
 from objectfolder.products import provenance
+from pipeline.dataset import stage
 from pipeline.dataset.stages import (
     COLLISION,
     ENCODED,
@@ -235,6 +236,7 @@ def install(tmp_path_factory, monkeypatch):
     """Put distributions of given versions before those installed."""
     folder = tmp_path_factory.mktemp("site")
     monkeypatch.syspath_prepend(str(folder))
+    caches = provenance._version, stage._versions
 
     def put(name, version):
         for old in folder.glob(f"{name}-*.dist-info"):
@@ -243,10 +245,12 @@ def install(tmp_path_factory, monkeypatch):
         metadata.parent.mkdir()
         metadata.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
         importlib.invalidate_caches()
-        provenance._version.cache_clear()  # a process of its own would see it at once
+        for cache in caches:
+            cache.cache_clear()  # a process of its own would see it at once
 
     yield put
-    provenance._version.cache_clear()
+    for cache in caches:
+        cache.cache_clear()
 
 
 @pytest.mark.parametrize(
