@@ -21,7 +21,7 @@ from objectfolder.touch.sensor.sensor import Sensor
 
 # Boxes of cells round all contacts grow by this many rows and columns.
 BOX_STEP = 32
-NEWTON_STEPS, SLIDING_STEPS = 2, 24
+LOAD_STEPS, SLIDING_STEPS = 2, 24
 # The first step, over that of single queries.
 FIRST_STEP = 3.0
 # Tractions of a sliding object before they are cut, over the largest limit.
@@ -244,7 +244,7 @@ class _Load:
             if step == steps - 1:
                 state[:, 0] = 1 / part.greatest
             state[:, 1:4] = state[:, :1] * change
-            for _ in range(NEWTON_STEPS):
+            for _ in range(LOAD_STEPS):
                 slope, curvature = self._balance(traction, displacement)
                 state[:, 1:4] -= self._solved(curvature, slope - self.total)
             change = state[:, 1:4] / state[:, :1]

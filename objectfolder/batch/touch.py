@@ -236,7 +236,7 @@ class TouchBatch:
                     numbers("across_n", across, (count, 2), self.device), torque, marker_grid, steps,
                 )  # fmt: skip
             answers, shear = self._press_elastic(
-                layer, which, poses, blocked, most, force, steps, images, push
+                layer, (which, poses, blocked), (most, force, steps), images, push
             )
             self._change_surroundings(images, bends=True)
             penetration, bears, residual = (answer.to(torch.float64) for answer in answers)
@@ -331,11 +331,11 @@ class TouchBatch:
         return layer, view, lru_cache(maxsize=16)(partial(Compliance, layer))
 
     def _press_elastic(
-        self, gel: _Gel, which: Tensor, poses: Tensor, blocked: Tensor,
-        most: Tensor, force: Tensor | None, steps: int, images: TouchImages, push: Push | None,
+        self, gel: _Gel, places: tuple[Tensor, Tensor, Tensor], load: tuple[Tensor, Tensor | None, int],
+        images: TouchImages, push: Push | None,
     ) -> tuple[Tensor, BatchShear | None]:  # fmt: skip
         """Fill in images of gels pressed from poses on; return indentation, force, residual (3, n); shear."""
-        layer, view, compliance = gel
+        (layer, view, compliance), (which, poses, blocked), (most, force, steps) = gel, places, load
         shear = None if push is None else GelShear(self.sensor, layer, push, compliance)
         parts = []
         most = torch.where(blocked, 0.0, most)
