@@ -35,6 +35,7 @@ FORMER = {
 MODULES = {
     "gpu": "gpu/*",
     "gpu_elastic": "gpu/*",
+    "gpu_shear": "gpu/*",
     "reality": "reality/*",
     "vision_known": "senses/vision",
     "hard_scans": "senses/vision_objects",
