@@ -212,13 +212,13 @@ def stand_in(figures: Figures) -> str:
             _interval(detector["right_percent"], detector["interval_percent"], ".0f"),
         ])  # fmt: skip
         for share, fewer in figures.get("fewer_queries", {}).get(sense, {}).items():
-            named = {
+            accuracies = {
                 TRUTH: fewer["accuracy_percent"]["truth"],
                 FILE: fewer["accuracy_percent"]["object_file"],
             }
             rows.append([
                 f"{SENSE_NAMES[sense]}, {share} of the training queries",
-                *(f"{named[way]:.1f}" if way in named else "" for way in ways),
+                *(f"{accuracies[way]:.1f}" if way in accuracies else "" for way in ways),
                 _interval(fewer["points"], fewer["interval_points"], ".1f"),
                 "",
             ])  # fmt: skip

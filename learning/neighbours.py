@@ -32,15 +32,15 @@ def with_neighbours(encoder: Encoder) -> Encoder:
     training = encoder.splits["training"]
     maps = whitening(training)
     references = training.features @ maps
-    voted = {
-        split: _voted(part, training, references, part.features @ maps)
+    parts = {
+        split: _with_votes(part, training, references, part.features @ maps)
         for split, part in encoder.splits.items()
         if split != "training"
     }
-    return replace(encoder, splits={"training": training, **voted})
+    return replace(encoder, splits={"training": training, **parts})
 
 
-def _voted(part: Encoded, training: Encoded, references: Floats, queries: Floats) -> Encoded:
+def _with_votes(part: Encoded, training: Encoded, references: Floats, queries: Floats) -> Encoded:
     votes = np.full(part.log_probabilities.shape, UNSEEN)
     nearest, distances = _nearest(references, queries)
     scale = SHARE_OF_DISTANCE * np.median(distances)

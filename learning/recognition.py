@@ -179,15 +179,15 @@ def _row(
     ]
     row: dict[str, Any] = {}
     for neighbours in (False, True):
-        named = {}
+        by_senses = {}
         for joined in COMBINATIONS:
             if set(joined) <= set(senses):
                 shares = [
                     workers.submit(_shares, objects, settings, joined, protocol, seed, neighbours)
                     for seed in settings.seeds
                 ]
-                named[name_of(joined)] = accuracies(workers.gather(shares))
-        row |= {"with_neighbours": named} if neighbours else named
+                by_senses[name_of(joined)] = accuracies(workers.gather(shares))
+        row |= {"with_neighbours": by_senses} if neighbours else by_senses
     row["several"] = {
         LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
         for sense in senses

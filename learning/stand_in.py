@@ -97,8 +97,8 @@ def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Ar
 def first_of_each(part: Labelled, share: float) -> Labelled:
     """Return the first samples of each object, a share of them and one at least."""
     rows = [torch.nonzero(part.labels == label)[:, 0] for label in part.labels.unique()]
-    chosen = torch.cat([own[: max(1, round(share * len(own)))] for own in rows])
-    return Labelled(part.inputs[chosen], part.labels[chosen])
+    first = torch.cat([indices[: max(1, round(share * len(indices)))] for indices in rows])
+    return Labelled(part.inputs[first], part.labels[first])
 
 
 def _for_detector(settings: Settings) -> Settings:

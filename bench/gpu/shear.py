@@ -30,15 +30,15 @@ def shear_equality(run: Run) -> dict[str, Any]:
     from objectfolder.touch.presses.touches import Press
 
     files, count = objects(), 8 if run.on_cpu else 24
-    which, points, asked = touches(count, files)
-    forces = 4000 * asked.pop("depth_m")
+    which, points, queries = touches(count, files)
+    forces = 4000 * queries.pop("depth_m")
     across, torques = loads(count, forces)
     sensor = files[0].touch.sensor
     gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
     cells = _cells(sensor, Press.cell_m)
     pitch = sensor.gel_height_m / cells[0], sensor.gel_width_m / cells[1]
     reached = Batch(files, run.device, precision="double").touch.press(
-        which, points, force_n=forces, **asked, steps=40
+        which, points, force_n=forces, **queries, steps=40
     )
     pressed = {
         name: getattr(reached, name).cpu().numpy()
@@ -71,7 +71,7 @@ def shear_equality(run: Run) -> dict[str, Any]:
         for precision, steps in (("single", 16), ("single", 24), ("single", 32), ("double", 48)):
             batch = Batch(files, run.device, precision=precision).touch
             answer = batch.press(
-                which, points, force_n=forces, **asked, steps=steps, across_n=across, torque_nm=twist,
+                which, points, force_n=forces, **queries, steps=steps, across_n=across, torque_nm=twist,
                 friction=FRICTION,
             ).shear  # fmt: skip
             moved = {key: getattr(answer.markers, key).cpu().numpy() for key in ("displacement_m", "pixels")}
@@ -104,12 +104,12 @@ def shear_speed(run: Run) -> dict[str, Any]:
     batch = Batch(files, run.device).touch
     figures: dict[str, Any] = {}
     for count in (2,) if run.on_cpu else (256, 4096):
-        which, points, asked = touches(count, files)
-        forces = 4000 * asked.pop("depth_m")
+        which, points, queries = touches(count, files)
+        forces = 4000 * queries.pop("depth_m")
         across, torques = loads(count, forces)
         out = TouchImages.empty(count, batch.sensor, run.device)
         place = partial(run.torch.as_tensor, device=run.device)
-        given = {name: place(value) for name, value in {**asked, "force_n": forces}.items()}
+        arguments = {name: place(value) for name, value in {**queries, "force_n": forces}.items()}
         for name, load in (
             ("pressed", {}),
             ("held", {"across_n": place(across)}),
@@ -119,7 +119,7 @@ def shear_speed(run: Run) -> dict[str, Any]:
                 batch.press,
                 place(which),
                 place(points),
-                **given,
+                **arguments,
                 **load,
                 friction=FRICTION,
                 steps=24,

@@ -14,7 +14,7 @@ from objectfolder.batch import elastic_bodies, shear_bodies
 from objectfolder.batch.elastic import Layer, Pressed
 from objectfolder.batch.resident import upload
 from objectfolder.batch.targets import Tensor, torch
-from objectfolder.touch.elastic.markers import _middle, _pixel_slope, cells_at, markers_at_rest
+from objectfolder.touch.elastic.markers import cells_at, image_middle, markers_at_rest, pixel_slope
 from objectfolder.touch.elastic.shear import LEAST_SLOPE
 from objectfolder.touch.elastic.tangential_influence import tangential_compliance
 from objectfolder.touch.sensor.sensor import Sensor
@@ -129,11 +129,11 @@ class GelShear:
         rest, pixels, radius = markers_at_rest(sensor, push.marker_grid)
         across = 2 * cells_at(sensor, rest, layer.shape) / np.subtract(layer.shape, 1)[:, None] - 1
         self._places = upload(across[::-1].T[None, None], like.device).to(like.dtype)
-        places = rest, pixels, sensor.camera_position_m, _middle(sensor)
+        places = rest, pixels, sensor.camera_position_m, image_middle(sensor)
         self._rest, self._rest_pixels, self._eye, self._middle = (
             upload(part, like.device, np.float64) for part in places
         )
-        self._radius, self._slope = radius, _pixel_slope(sensor)
+        self._radius, self._slope = radius, pixel_slope(sensor)
 
     def part(self, pressed: Pressed, touches: slice) -> tuple[Tensor, ...]:
         """Shear some of the touches, pressed by `Layer.press`; return what `joined` takes."""

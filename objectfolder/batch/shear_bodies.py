@@ -12,7 +12,7 @@ from collections import namedtuple
 import numpy as np
 
 from objectfolder.batch.targets import Body, scalar
-from objectfolder.touch.elastic.shear import _limited
+from objectfolder.touch.elastic.shear import limited_traction
 
 # Numbers of a touch: step, lift (3), centre of pressure (2), lever, and `SLIPPING` or 0.
 STATE = 8
@@ -47,7 +47,7 @@ def _balance(touch, column, cells: Slipping, sums):
     for i in range(cells.limit.shape[1]):
         e, f, most, a, b = _lifted(touch, i, column, cells)
         if most > zero:
-            _, share, c, d = _limited(a, b, most, one)
+            _, share, c, d = limited_traction(a, b, most, one)
             a, b = share * a, share * b
             x, y, turn = x + a, y + b, turn + a * e + b * f
             p, q, r = share * (one - keen * c * c), -share * keen * c * d, share * (one - keen * d * d)
@@ -70,7 +70,7 @@ def _restrain(touch, column, cells: Slipping, moved):
         _, _, most, a, b = _lifted(touch, i, column, cells)
         share = real(0)
         if most > real(0):
-            _, share, _, _ = _limited(a, b, most, real(1))
+            _, share, _, _ = limited_traction(a, b, most, real(1))
         moved[touch, i, column, 0], moved[touch, i, column, 1] = share * a, share * b
 
 

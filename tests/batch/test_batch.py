@@ -143,9 +143,9 @@ def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twist
     across = np.array([[0.6, 0.4], [-0.5, 1.0], [0.0, 2.9], [0.1, 0.0]])  # the third slides, the last is off
     torques = np.array([0.001, -0.003, 0.001, 0.0]) if twisted else [None] * 4
     touch = Batch(files, "cpu", sensor=sensor).touch
-    asked = {"force_n": forces, "cell_m": 0.0005, "marker_grid": (5, 4), "friction": 0.8, "across_n": across}
-    asked |= {"torque_nm": torques} if twisted else {}
-    answer = touch.press(which, points, steps=40, **asked)
+    query = {"force_n": forces, "cell_m": 0.0005, "marker_grid": (5, 4), "friction": 0.8, "across_n": across}
+    query |= {"torque_nm": torques} if twisted else {}
+    answer = touch.press(which, points, steps=40, **query)
     shear, drawn = answer.shear, answer.shear.markers.drawn_on(answer.rgb)
     assert shear.sliding.tolist() == [False, False, True, True]
     assert float(shear.relative_residual.max()) < 3e-5
@@ -175,7 +175,7 @@ def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twist
     still = moved_markers(sensor, contacts[0], solve_shear(contacts[0], gel, 0.8, (0.0, 0.0)), (5, 4))
     assert np.abs(pressed.markers.displacement_m[0].numpy() - still.displacement_m).max() < 2e-8
     assert not pressed.sliding.any()
-    few = touch.press(which, points, steps=3, **asked).shear.relative_residual
+    few = touch.press(which, points, steps=3, **query).shear.relative_residual
     assert 1e-3 < float(few.max()) < 1
 
 

@@ -28,11 +28,11 @@ def made_splits():
 def test_recognition_has_a_row_with_neighbours_by_each_of_several_senses(monkeypatch):
     monkeypatch.setattr(recognition, "encoded", lambda *asked: Encoder(made_splits(), 0.0))
     for senses in (("vision",), ("vision", "touch")):
-        alone, voted = (
+        alone, with_votes = (
             recognition._shares(None, None, senses, "region", 0, neighbours) for neighbours in (False, True)
         )
         assert alone.tolist() == [1, 0]  # the first object is named whatever is shown
-        assert voted.tolist() == [1, 1]
+        assert with_votes.tolist() == [1, 1]
 
 
 def test_features_are_white_within_objects_and_neighbours_tell_what_the_network_does_not():
@@ -40,9 +40,9 @@ def test_features_are_white_within_objects_and_neighbours_tell_what_the_network_
     features, labels = splits["training"].features @ whitening(splits["training"]), splits["training"].labels
     within = features - np.stack([features[labels == label].mean(axis=0) for label in (0, 1)])[labels]
     np.testing.assert_allclose(within.T @ within / len(within), np.eye(4), atol=0.05)
-    voted = with_neighbours(Encoder(splits, 0.0)).splits
-    assert voted["training"] is splits["training"]
-    for answers in (voted["validation"], voted["test"]):
+    splits_with_votes = with_neighbours(Encoder(splits, 0.0)).splits
+    assert splits_with_votes["training"] is splits["training"]
+    for answers in (splits_with_votes["validation"], splits_with_votes["test"]):
         assert (answers.log_probabilities.argmax(axis=1) == answers.labels).all()
     # What a network is sure of outweighs them.
     sure = splits["test"].log_probabilities - 100 * np.eye(2, dtype=np.float32)[splits["test"].labels]

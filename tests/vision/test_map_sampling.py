@@ -42,9 +42,9 @@ def test_what_a_lattice_lacks_is_added_to_the_values_about_it():
     coordinates = random.uniform(-1.5, 2.5, (12, 3, 2))
     image = random.integers(0, 256, (7, 11, 3), dtype=np.uint8)
     lattice, steps = FaceLattice(triangles, 0.13), np.array([-0.25, 0.25])
-    own, values = np.arange(12) % 3 > 0, random.uniform(0, 255, (lattice.size, 3))
+    of_texture, values = np.arange(12) % 3 > 0, random.uniform(0, 255, (lattice.size, 3))
     remainder, weight = np.zeros_like(values), np.zeros(lattice.size)
-    add_remainder(remainder, weight, values, image, coordinates, own, lattice, steps)
+    add_remainder(remainder, weight, values, image, coordinates, of_texture, lattice, steps)
     # A sample off its face is not counted: `places` takes it to the nearest of the face.
     on_face = 0
     shares, differences = np.zeros(lattice.size), np.zeros_like(values)
@@ -54,7 +54,7 @@ def test_what_a_lattice_lacks_is_added_to_the_values_about_it():
         face, barycentric = lattice.places(offset)
         j, i = np.divmod(place - start[face], columns[face] + 1)
         x, y = (i + offset[0, 0]) / columns[face], (j + offset[0, 1]) / rows[face]
-        inside = own[face] & (x >= 0) & (y >= 0) & (x + y <= 1)
+        inside = of_texture[face] & (x >= 0) & (y >= 0) & (x + y <= 1)
         face, barycentric = face[inside], barycentric[inside]
         texture = bilinear(image, np.einsum("ij,ijk->ik", barycentric, coordinates[face]))
         difference = 255 * texture - lattice.interpolate(values, face, barycentric)

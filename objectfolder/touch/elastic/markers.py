@@ -118,7 +118,7 @@ def markers_at_rest(
         )
     else:
         scale = pixels_per_metre(sensor)
-        pixels, radius = _middle(sensor) + own.places_m() * scale, own.dot_radius_m * scale
+        pixels, radius = image_middle(sensor) + own.places_m() * scale, own.dot_radius_m * scale
     tangents = _tangents(sensor, pixels)
     y, z = (tangents * gel_along_rays(sensor, *tangents)) + np.array(sensor.camera_position_m)[1:, None]
     if own is not None:
@@ -143,22 +143,22 @@ def _spread(sensor: Sensor, grid: tuple[int, int]) -> np.ndarray:
     return np.stack([part.ravel() for part in np.meshgrid(down, right, indexing="ij")], axis=1)
 
 
-def _middle(sensor: Sensor) -> np.ndarray:
+def image_middle(sensor: Sensor) -> np.ndarray:
     """Pixel row and column of the middle of a sensor's image."""
     return (np.array([sensor.image_height, sensor.image_width]) - 1) / 2
 
 
-def _pixel_slope(sensor: Sensor) -> float:
+def pixel_slope(sensor: Sensor) -> float:
     """Slope of the camera's rays from one pixel to the next."""
     return float(2 * np.tan(np.radians(sensor.field_of_view_deg) / 2) / sensor.image_height)
 
 
 def _tangents(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
     """Slopes (2, n) along y and z of the camera's rays through pixels (n, 2)."""
-    return np.asarray(((_middle(sensor) - pixels) * _pixel_slope(sensor)).T[::-1])
+    return np.asarray(((image_middle(sensor) - pixels) * pixel_slope(sensor)).T[::-1])
 
 
 def _seen(sensor: Sensor, points: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) at which the camera sees points (n, 3) of the sensor frame."""
     away = points - np.array(sensor.camera_position_m)
-    return np.asarray(_middle(sensor) - away[:, :0:-1] / away[:, :1] / _pixel_slope(sensor))
+    return np.asarray(image_middle(sensor) - away[:, :0:-1] / away[:, :1] / pixel_slope(sensor))

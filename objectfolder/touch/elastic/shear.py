@@ -340,7 +340,7 @@ def _balanced(aim: np.ndarray, load: _Load, lift: np.ndarray) -> tuple[np.ndarra
 
 
 @inner(kernel)
-def _limited(a, b, most, one):
+def limited_traction(a, b, most, one):
     """Length of a traction, the share of it that a limit leaves, and its direction, 0 within the limit.
 
     Batches call it, too: all numbers are of the type of `one`.
@@ -361,7 +361,7 @@ def _cut(aim, limit, arm, total, lift, cut, slope, curvature):
         e, f = arm[0, i], arm[1, i]
         a, b = aim[0, i] + lift[0] + lift[2] * e, aim[1, i] + lift[1] + lift[2] * f
         most = limit[i]
-        length, share, c, d = _limited(a, b, most, 1.0)
+        length, share, c, d = limited_traction(a, b, most, 1.0)
         if length <= most:
             energy += length * length / 2
         else:

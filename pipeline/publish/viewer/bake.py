@@ -39,7 +39,7 @@ LIGHT_DIRECTIONS = 4
 # Between places of colours, unit-frame lengths: the finest that has no more places.
 PITCHES = tuple(1 / count for count in (256, 224, 192, 160, 128, 112, 96, 80, 64, 32))
 MOST_COLOURS = 150_000
-# Colours that a file states are means of so many along each axis of a cell: edges of prints have no steps.
+# Samples along each axis of a cell, where a file states colours: their mean leaves edges of prints no steps.
 COLOUR_TAPS = 4
 USUAL_IMPULSE_N_S = 0.05
 PEAK_OF_FULL_SCALE = 0.33
