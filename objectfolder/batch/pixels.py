@@ -3,6 +3,9 @@
 The arithmetic is in the type of the arrays: single precision is for graphics processors, double for
 comparison with a single press. Of faces equally near the last is seen. A pixel is shaded once for each face
 that is seen in it, amid the rays that see it.
+
+`Shadows` follow the lines of all fans of all pictures at once, as `objectfolder.touch.rendering.shadows` does
+those of one. How dark each is where it crosses a row, or a column, is kept for the pixels between two.
 """
 
 # Bodies are compiled for the types they meet.
@@ -16,7 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from objectfolder.batch.targets import Body, scalar
+from objectfolder.batch.resident import upload
+from objectfolder.batch.targets import Body, Tensor, scalar, torch
+from objectfolder.touch.rendering.shadows import ShadowCaster
 
 MOST_PIXEL_RAYS = 16
 
@@ -32,6 +37,14 @@ PixelRays = namedtuple("PixelRays", "of_pixel u shift v gel_nearness gel_values 
 Images = namedtuple("Images", "rgb depth mask")
 # Working memory of the rays of a pixel: the face that each sees, and one over its depth.
 RaysOfPixel = namedtuple("RaysOfPixel", "owner best")
+
+# Pictures at a time: their lines take half a megabyte each.
+SHADED_AT_ONCE = 1024
+# As of `ShadowCaster`.
+Casting = namedtuple("Casting", "fans lamps shares softness")
+# Of touches: one over the depth, how far pixels are pressed in, the first and last row and column of those
+# that are, -1 where there are none, and of each fan (touches, fans, 2) its first tangent and lines.
+Pressings = namedtuple("Pressings", "nearness depth ends aims")
 
 
 @scalar
@@ -195,3 +208,141 @@ def pixel_body(table: bool, kind: type[np.floating[Any]]) -> Body:
     """Return the body for a photometric table or point lights, in a precision."""
     function = _pixel(photometric_table, Table) if table else _pixel(point_lights, Lamps)
     return Body(function, 2, owner=((MOST_PIXEL_RAYS,), np.int64), best=((MOST_PIXEL_RAYS,), kind))
+
+
+def _aim(touch, number, casting: Casting, ends, aims):
+    """Write a fan's first tangent and how many lines it has: `shadows._lines`."""
+    fan = casting.fans[number]
+    lamp, axis, direction, tangent, step = casting.lamps[int(fan[0])], int(fan[1]), fan[2], fan[3], fan[4]
+    along, beside, last = lamp[axis], lamp[1 - axis], int(fan[5]) - 1
+    near, far = ends[touch, 2 * axis], ends[touch, 2 * axis + 1]
+    first, count = 0, last + 1
+    if min((near - along) * direction, (far - along) * direction) >= 1:
+        low, high = math.inf, -math.inf
+        for row in (near, far):
+            for side in range(2):
+                place = ends[touch, 2 - 2 * axis + side] - beside
+                met = (place / abs(row - along) - tangent) / step
+                low, high = min(low, met), max(high, met)
+        first = min(max(math.floor(low) - 1, 0), last)
+        count = max(min(math.ceil(high) + 1, last) - first + 1, 0)
+    aims[touch, number, 0] = tangent + first * step
+    aims[touch, number, 1] = count if ends[touch, 0] >= 0 else 0
+
+
+@scalar
+def fan_of(casting, pressings, touch, number):
+    """Return a fan's axis and direction, its lamp along and across, and tangent, step and count of lines."""
+    fan, aim = casting.fans[number], pressings.aims[touch, number]
+    lamp, axis = casting.lamps[int(fan[0])], int(fan[1])
+    return axis, int(fan[2]), (lamp[axis], lamp[1 - axis], lamp[2]), (aim[0], fan[4], int(aim[1]))
+
+
+def _follow(touch, place, casting: Casting, pressings: Pressings, dark):
+    """Write how dark (touches, fans, rows, lines) a line is in each row that it crosses; dark was 0."""
+    (nearness, depth, ends, _), softness = pressings, casting.softness
+    most = dark.shape[3]
+    number, line = place // most, place % most
+    axis, way, lamp, (tangent, step, count) = fan_of(casting, pressings, touch, number)
+    if line >= count:
+        return
+    height, width = depth.shape[1 + axis], depth.shape[2 - axis]
+    one, half, lamp_nearness = np.float32(1), np.float32(0.5), np.float32(lamp[2])
+    horizon, before, top = np.float32(-np.inf), np.float32(-np.inf), np.float32(0)
+    row, past = ends[touch, 2 * axis], ends[touch, 2 * axis + 1]
+    if way < 0:
+        row, past = past, row
+    row = row - way if 0 <= row - way < height else row
+    while 0 <= row < height:
+        at, distance, over = row, (row - lamp[0]) * way, (row - past) * way > 0
+        row += way
+        if distance <= 0:
+            continue
+        begin, spacing = lamp[1] + tangent * distance, step * distance
+        if line < -begin / spacing or line > (width - 1 - begin) / spacing:
+            continue
+        far = np.float32(distance)
+        inverse = one / far
+        column = np.float32(begin) + np.float32(spacing) * np.float32(line)
+        j, pressed = min(int(column), width - 2), int(column + half)
+        r = column - np.float32(j)
+        if axis == 0:
+            n = (one - r) * nearness[touch, at, j] + r * nearness[touch, at, j + 1]
+            away = depth[touch, at, pressed] > 0
+        else:
+            n = (one - r) * nearness[touch, j, at] + r * nearness[touch, j + 1, at]
+            away = depth[touch, pressed, at] > 0
+        slope = (n - lamp_nearness) * inverse
+        away = away and slope < before
+        before = slope
+        if slope < horizon:
+            penumbra = softness[0] * (one - top * inverse) + softness[1]
+            hidden = (horizon - slope) * top / (n * n * penumbra)
+            if not away:
+                dark[touch, number, at, line] = min(hidden, one)
+        elif over:  # nothing hides the lamp from here on
+            return
+        else:
+            horizon, top = slope, far
+
+
+def _darken(touch, place, casting: Casting, pressings: Pressings, dark, rgb):
+    """Take from a pixel what the lines beside it are dark."""
+    width = rgb.shape[2]
+    i, j = place // width, place % width
+    one, zero = np.float32(1), np.float32(0)
+    red, green, blue = one, one, one
+    for number in range(casting.fans.shape[0]):
+        axis, way, lamp, (tangent, step, count) = fan_of(casting, pressings, touch, number)
+        at, column = (i, j) if axis == 0 else (j, i)
+        distance = (at - lamp[0]) * way
+        if count == 0 or distance <= 0 or abs(column - lamp[1]) > distance:
+            continue
+        begin, spacing = lamp[1] + tangent * distance, step * distance
+        if column < begin or column > begin + count * spacing:
+            continue
+        line = np.float32(-begin / spacing) + np.float32(1 / spacing) * np.float32(column)
+        line = max(line, zero)
+        k = int(line)
+        r = line - np.float32(k)
+        shade = (one - r) * dark[touch, number, at, k] + r * dark[touch, number, at, k + 1]
+        share = casting.shares[int(casting.fans[number, 0])]
+        red, green = red * (one - share[0] * shade), green * (one - share[1] * shade)
+        blue *= one - share[2] * shade
+    half = np.float32(0.5)
+    rgb[touch, i, j, 0] = np.uint8(np.float32(rgb[touch, i, j, 0]) * red + half)
+    rgb[touch, i, j, 1] = np.uint8(np.float32(rgb[touch, i, j, 1]) * green + half)
+    rgb[touch, i, j, 2] = np.uint8(np.float32(rgb[touch, i, j, 2]) * blue + half)
+
+
+aim, follow, darken = Body(_aim, 2), Body(_follow, 2), Body(_darken, 2)
+
+
+class Shadows:
+    """What casts a sensor's shadows, on a device."""
+
+    def __init__(self, caster: ShadowCaster, device: torch.device) -> None:
+        self._gel_depth = upload(caster.gel_depth, device)
+        self._casting = [
+            upload(part, device) for part in (caster.fans, caster.lamps, caster.shares, caster.softness)
+        ]
+        # Room for two lines more than a fan has, which are never dark.
+        self._shape = len(caster.fans), max(caster.gel_depth.shape), int(caster.fans[:, 5].max()) + 2
+
+    def cast(self, rgb: Tensor, depth: Tensor) -> None:
+        """Darken pictures (n, height, width, 3) by what is pressed in by depths (n, height, width)."""
+        for first in range(0, len(rgb), SHADED_AT_ONCE):
+            pictures, depths = rgb[first : first + SHADED_AT_ONCE], depth[first : first + SHADED_AT_ONCE]
+            count, pressed = len(pictures), depths > 0
+            sides = []
+            for axis in (1, 2):
+                lines = pressed.any(3 - axis)
+                last = lines.shape[1] - 1 - lines.flip(1).byte().argmax(1)
+                sides += [torch.where(lines.any(1), side, -1) for side in (lines.byte().argmax(1), last)]
+            ends, nearness = torch.stack(sides, 1), 1 / (self._gel_depth - depths)
+            aims = torch.empty((count, self._shape[0], 2), dtype=torch.float64, device=rgb.device)
+            aim((count, self._shape[0]), *self._casting, ends, aims)
+            parts = *self._casting, nearness, depths, ends, aims
+            dark = depths.new_zeros((count, *self._shape))
+            follow((count, self._shape[0] * self._shape[2]), *parts, dark)
+            darken((count, depths[0].numel()), *parts, dark, pictures)

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from objectfolder.batch import contact_bodies, elastic, elastic_bodies
-from objectfolder.batch.pixels import MOST_PIXEL_RAYS, pixel_body
+from objectfolder.batch.pixels import MOST_PIXEL_RAYS, Shadows, pixel_body
 from objectfolder.batch.resident import closest, joined, numbers, object_indices, resident_trees, upload
 from objectfolder.batch.shear import BatchShear, Compliance, GelShear, Push
 from objectfolder.batch.targets import Tensor, checked_device, torch
@@ -117,7 +117,9 @@ class TouchBatch:
         real, double = (partial(upload, device=self.device, kind=part) for part in (kind, np.float64))
         self._gel, self._camera = double(gel), double(sensor.camera_position_m)
         self._housing = double([sensor.housing_low_m, sensor.housing_high_m])
-        self._surroundings = surroundings(sensor)
+        around = surroundings(sensor)
+        caster, self._response = (None, None) if around is None else (around.shadows, around.response)
+        self._shadows = None if caster is None else Shadows(caster, self.device)
         self._near, self._u, self._v = grid.near, double(grid.u), double(grid.v)
         self._numbers = kind
         self._kind = torch.float32 if kind is np.float32 else torch.float64
@@ -298,13 +300,15 @@ class TouchBatch:
         return images
 
     def _change_surroundings(self, images: TouchImages, *, bends: bool) -> None:
-        """Change what lies round the indented gel: on the host, as a shadow follows its line by pixels."""
-        if self._surroundings is None:
+        """Change what lies round the indented gel: its response on the host, by spreads of whole pictures."""
+        if self._shadows is not None:
+            self._shadows.cast(images.rgb, images.depth_m)
+        if self._response is None:
             return
         pictures, depths = images.rgb.cpu().numpy(), images.depth_m.cpu().numpy()
         masks = images.mask.cpu().numpy() if bends else [None] * len(pictures)
         for picture, depth, mask in zip(pictures, depths, masks, strict=True):
-            self._surroundings.cast(picture, depth, mask)
+            self._response.cast(picture, depth, mask)
         images.rgb.copy_(torch.from_numpy(pictures))
 
     def _images(self, out: TouchImages | None, count: int) -> TouchImages:

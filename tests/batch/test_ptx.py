@@ -37,7 +37,8 @@ pytestmark = [
 ]
 TOUCH = {
     "locate", "find", "stand", "advance", "penetrate", "fit", "count", "project", "pixel", "lean",
-    "gap", "exceed", "descend", "compare", "deform", "membrane", "balance", "restrain", "dot",
+    "gap", "exceed", "descend", "compare", "deform", "membrane", "balance", "restrain", "dot", "aim",
+    "follow", "darken",
 }  # fmt: skip
 SIGHT = {
     "cast", "light", "bend", "inputs", "mirror", "reflect", "colour", "send", "spread", "substance",
@@ -61,6 +62,7 @@ FEW_STEPS = {
     shear_bodies.dot: 5,
     known_bodies.gather: 5,
     sight_bodies.blend: 20,
+    sight_bodies.cover: 10,
 }
 SINGLE_CASES = [*itertools.product(IN_SINGLE, CARDS), *itertools.product(FEW_STEPS, CARDS[1:2])]
 
