@@ -50,10 +50,11 @@ def compile_for_cpu() -> None:
 
 def require_card(parser: argparse.ArgumentParser) -> None:
     """End in one line where there is no card, driver or toolkit: recorded results are left as they are."""
-    from objectfolder.batch.targets import checked_device
     from objectfolder.errors import ObjectFolderError
 
     try:
+        from objectfolder.batch.targets import checked_device
+
         checked_device("cuda")
     except ObjectFolderError as error:
         parser.exit(1, f"{error}\n")

@@ -35,7 +35,7 @@ def elastic_equality(run: Run) -> dict[str, Any]:
 def elastic_errors(answer: Any, true: list[tuple[np.ndarray, Any]]) -> dict[str, Any]:
     """How a batch of elastic touches differs from single ones, of which each object has some rows."""
     order = np.concatenate([rows for rows, _ in true])
-    host = {name: value.cpu().numpy()[order] for name, value in vars(answer).items()}
+    host = {name: value.cpu().numpy()[order] for name, value in vars(answer).items() if name != "shear"}
     truth = {
         name: np.concatenate([getattr(part, name) for _, part in true]) for name in host if name[:3] != "rel"
     }
