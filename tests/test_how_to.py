@@ -9,6 +9,7 @@ serve a page, which the tests of pages open. `tests/learning` runs the tasks of 
 import re
 import shlex
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pytest
 
 import objectfolder
 from pipeline.cli import main
+from tests import worlds_of_mujoco
 
 DOCS = Path(__file__).parents[1] / "docs"
 FILES = ("mug", "bell")
@@ -90,29 +92,29 @@ def test_the_page_of_live_scenes_runs(folder: Path) -> None:
 
 @pytest.mark.release("docs", "objectfolder.batch")
 @pytest.mark.usefixtures("folder")
-def test_the_page_of_batches_runs() -> None:
+def test_the_page_of_batches_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("mujoco_warp", "warp"):
+        monkeypatch.setitem(sys.modules, name, worlds_of_mujoco)
     mug = objectfolder.example("mug")
     points, normals = mug.sample_contacts(3, seed=0)
     poses = mug.press(points, depth_m=0.001).sensor_to_object
     cameras, lights = mug.sample_views(3, seed=0)
-    turn = np.tile(np.eye(3), (16, 1, 1))
     names: dict[str, Any] = {
         "points": points,
         "sensor_to_object": poses,
         "impulses_n_s": -normals,
         "cameras": cameras,
         "lights": lights,
-        "finger_position": np.resize(poses[:, :3, 3], (16, 3)),
-        "finger_rotation": np.resize(poses[:, :3, :3], (16, 3, 3)),
-        "object_position": np.zeros((16, 3)),
-        "object_rotation": turn,
     }
     for block in blocks("batch.md", "python"):
-        on_processor = block.replace('"cuda"', '"cpu"').replace("1024", "8").replace("128)", "16)")
-        exec(compile(on_processor, "batch.md", "exec"), names)
+        for shown, run in (('"cuda"', '"cpu"'), ("1024", "8"), ("512", "4"), ("128)", "16)")):
+            block = block.replace(shown, run)
+        exec(compile(block, "batch.md", "exec"), names)
     assert names["touches"].depth_m.max() > 0
     assert names["held"].force_n.numpy() == pytest.approx(2.0, rel=0.1)
     assert names["images"].rgb.shape == names["touches"].rgb.shape
     assert abs(names["sounds"]).max() > 0
     assert names["views"].shape == (3, 16, 16, 3)
     assert names["fingers"].tactile_rgb_image.shape[0] == 16
+    assert names["fingers"].penetration_depth.min() > 0.0001
+    assert names["fingers"].tactile_depth_image.amax((1, 2, 3)).min() > 0.0001

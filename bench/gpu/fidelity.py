@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.gpu.run import Run
+from bench.gpu.run import EFFORTS, Run
 
 # The data set: its views and Object Files are asked.
 DATA = Path(os.environ.get("BENCH_DATA", Path(__file__).parents[2] / "data"))
-# Rays of an uneven pixel, rays of coverage, and the contrast of an uneven pixel.
-EFFORTS = ((10, 0, 0.15), (10, 64, 0.15), (10, 256, 0.05), (16, 256, 0.05), (32, 256, 0.02), (64, 256, 0.02))
 SINGLE_SUB_RAYS = (16, 64)
 
 
@@ -50,9 +48,9 @@ def of_object(run: Run, file: Any, views: Any) -> dict[str, dict[str, float]]:
         return {"mean_db": measured["psnr_foreground_db"], "worst_db": worst}
 
     rows = {f"single_{rays}": error(held_out_answer(file, views, rays)) for rays in SINGLE_SUB_RAYS}
-    for rays, coverage_rays, contrast in EFFORTS:
-        work = partial(render, sub_rays=rays, coverage_rays=coverage_rays, contrast=contrast)
+    for name, effort in EFFORTS.items():
+        work = partial(render, **effort)
         row = error(work().cpu().numpy())
         row["view_s"] = run.seconds(work, 3) / len(truth)
-        rows[f"batch_{rays}_{coverage_rays}_{contrast}"] = row
+        rows[f"batch_{name}"] = row
     return rows

@@ -19,6 +19,17 @@ BATCHES = (1, 256, 4096, 16384)
 REPEATS = 9
 # Examples in the package by how their light is found.
 LEARNED, KNOWN = ("mug", "bell"), ("bowl", "plate")
+# Rays of an uneven pixel, rays of coverage, and the contrast of an uneven pixel; the second is the default.
+EFFORTS: dict[str, dict[str, Any]] = {
+    f"{sub_rays}_{coverage_rays}_{contrast}": {
+        "sub_rays": sub_rays,
+        "coverage_rays": coverage_rays,
+        "contrast": contrast,
+    }
+    for sub_rays, coverage_rays, contrast in (
+        (10, 0, 0.15), (11, 48, 0.15), (16, 256, 0.05), (32, 256, 0.02), (64, 256, 0.02)
+    )
+}  # fmt: skip
 STARTED = time.monotonic()
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.gpu.run import LEARNED, Run, objects
+from bench.gpu.run import EFFORTS, LEARNED, Run, objects
 
 
 def sight_equality(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:
@@ -25,15 +25,15 @@ def sight_equality(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:
         for file, view in zip(files, views, strict=True)
     ]
     mask = np.concatenate(shown)
-    for rays in (10, 16, 32, 64):
-        image = batch.render(which, cameras, lights, 128, sub_rays=rays)
-        again = batch.render(which, cameras, lights, 128, sub_rays=rays)
+    for effort, asked in EFFORTS.items():
+        image = batch.render(which, cameras, lights, 128, **asked)
+        again = batch.render(which, cameras, lights, 128, **asked)
         squares = ((image.cpu().numpy().astype(float) - true) ** 2).mean(axis=3)
         within = (squares * mask).sum(axis=(1, 2)) / mask.sum(axis=(1, 2))
         for name, error in (("psnr_db", squares.mean(axis=(1, 2))), ("psnr_shown_db", within)):
             psnr = 10 * np.log10(255**2 / error)
-            figures[f"{name}_{rays}_rays"] = {"least": float(psnr.min()), "mean": float(psnr.mean())}
-        figures[f"same_bytes_twice_{rays}_rays"] = bool((image == again).all())
+            figures[f"{name}_{effort}"] = {"least": float(psnr.min()), "mean": float(psnr.mean())}
+        figures[f"same_bytes_twice_{effort}"] = bool((image == again).all())
     return figures
 
 
@@ -55,8 +55,8 @@ def sight_speed(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:
                     cameras[rows], lights[rows] = file.sample_views(len(rows), seed=2, lit=True)
             place = run.torch.as_tensor
             views = [place(part, device=run.device) for part in (which, cameras, lights)]
-            for rays in (10, 16):
-                taken = run.seconds(partial(batch.render, *views, 128, sub_rays=rays), 3)
-                figures[f"{label}_{count}_{rays}_rays_per_s"] = round(count / taken, 1)
+            for effort, asked in list(EFFORTS.items())[:2]:
+                taken = run.seconds(partial(batch.render, *views, 128, **asked), 3)
+                figures[f"{label}_{count}_{effort}_per_s"] = round(count / taken, 1)
     figures["peak_gib"] = run.peak_gib()
     return figures

@@ -9,6 +9,8 @@ from known_corner import known_corner
 
 import objectfolder
 from bench.gpu import __main__ as gpu_bench
+from bench.gpu.elastic import elastic_errors
+from bench.gpu.run import EFFORTS, Run
 from objectfolder.batch import Batch, SightBatch, TouchImages, WorldTouch, targets
 from objectfolder.errors import QueryError
 from objectfolder.touch.contact.height_field import gap_field
@@ -76,6 +78,14 @@ def test_touches_of_several_objects_equal_single_presses(files, presses, single,
         assert 0 < true.mask.mean() < 1
 
 
+def test_the_device_check_compares_touches_of_any_precision_with_single_presses():
+    checked = gpu_bench.touch_equality(Run(True, "none"), "single", 4)
+    assert checked["mask_pixels_that_differ"] <= 1
+    assert checked["rgb_levels"] <= 8
+    assert checked["same_bytes_twice"]
+    assert checked["alone_as_in_batch"]
+
+
 def test_a_touch_in_a_batch_is_what_it_is_alone_and_fills_the_room_it_is_given(files, presses):
     which, points, asked = presses
     touch = Batch(files, "cpu").touch
@@ -118,9 +128,11 @@ def test_elastic_touches_are_those_of_single_presses_and_state_their_residuals(f
     touch, cells = Batch(files, "cpu", sensor=sensor).touch, {"cell_m": 0.0005, "tilt_deg": 10.0}
     answer = touch.press(which, points, contact="elastic", steps=40, **cells, **load)
     assert float(answer.relative_residual.max()) < 2e-5
+    singles = []
     for row, index in enumerate(which):
         asked = Press(contact="elastic", **cells, **{name: value[row] for name, value in load.items()})
         true = press(files[index].touch.net._patches, sensor, points[row : row + 1], asked)
+        singles.append((np.array([row]), true))
         for name, close in (
             ("force_n", 1e-5 * true.force_n[0]), ("penetration_m", 1e-8), ("sensor_to_object", 1e-8),
             ("first_contact_offset_m", 1e-12), ("depth_m", 3e-7),
@@ -131,6 +143,7 @@ def test_elastic_touches_are_those_of_single_presses_and_state_their_residuals(f
         assert np.count_nonzero(answer.mask[row].numpy() != true.mask[0]) <= 1
         assert bool(answer.reachable[row]) == true.reachable[0]
         assert bool(answer.saturated[row]) == true.saturated[0]
+    assert elastic_errors(answer, singles)["depth_um"] <= 0.3
     fewer = touch.press(which, points, contact="elastic", steps=4, **cells, **load).relative_residual
     assert 1e-3 < float(fewer.max()) < 1
 
@@ -211,7 +224,8 @@ def test_views_are_those_of_single_queries(files):
     for image, file, view in zip(images.numpy(), [files[0], *files[::-1]], views[::-1], strict=True):
         error = ((image.astype(float) - file.render(*view, 96)[0]) ** 2).mean()
         assert 10 * np.log10(255**2 / error) >= 42
-    assert (sight.render([1, 2, 1], cameras, lights, 96) == images).all()
+    measured = list(EFFORTS.values())[1]  # as the default's
+    assert (sight.render([1, 2, 1], cameras, lights, 96, **measured) == images).all()
 
 
 def test_the_inside_of_a_bell_mirrors_itself_as_in_a_single_query(files):
@@ -289,15 +303,15 @@ def test_two_fingers_in_eight_worlds_feel_their_objects_wherever_the_worlds_put_
     turns *= np.linalg.det(turns)[:, None, None]
     places = np.repeat(random.uniform(-10, 10, (worlds, 3)), 2, axis=0)
     fingers = WorldTouch(touch, objects)
-    fingers.update(
-        places + np.einsum("nij,nj->ni", turns, poses[:, :3, 3]), turns @ poses[:, :3, :3], places, turns
-    )
+    position = places + np.einsum("nij,nj->ni", turns, poses[:, :3, 3])
+    bodies = position, turns @ poses[:, :3, :3], places, turns
+    fingers.update(*(torch.from_numpy(part.reshape(worlds, 2, *part.shape[1:])) for part in bodies))
     expected = touch.see(objects, poses)
     assert fingers.tactile_depth_image.shape == (2 * worlds, 32, 24, 1)
     assert float((fingers.tactile_depth_image[..., 0] - expected.depth_m).abs().max()) < 1e-6
     levels = (fingers.tactile_rgb_image.int() - expected.rgb.int()).abs()
     assert float((levels > 1).float().mean()) < 1e-3
-    np.testing.assert_allclose(fingers.penetration_depth.numpy(), 0.001, atol=1e-9)
+    np.testing.assert_allclose(fingers.penetration_depth.numpy(), np.full((16, 1), 0.001), atol=1e-9)
 
 
 @pytest.mark.parametrize("documented", [Batch, WorldTouch])
