@@ -67,7 +67,7 @@ def runner(place: Place, root: Path, jobs_at_most: int, stages: Iterable[Any] = 
         No scheduler answers.
     """
     # Each is imported only where it is used: together they take as long as a small run.
-    if jobs_at_most <= FEW and place.starts == LOCAL:
+    if jobs_at_most <= FEW and place.starts == LOCAL and not place.environment:
         with Child(root, place.child) as child:
             yield OneProcess(child)
         return

@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from objectfolder.errors import InputError
-from pipeline.cluster import pools
+from pipeline.cluster import cluster, pools
 from pipeline.cluster.cluster import connect
 from pipeline.cluster.places import Adapt, Place, read_place
 from pipeline.dataset.job import BLENDER, GPU
@@ -211,6 +211,16 @@ def _wait_for(path: str) -> None:
 def _pid_after(seconds: float) -> int:
     time.sleep(seconds)
     return os.getpid()
+
+
+def test_a_single_job_has_the_environment_of_its_place(root, monkeypatch):
+    def started(*_arguments: object) -> None:
+        raise LookupError("a cluster, whose workers have it")
+
+    monkeypatch.setattr(cluster, "connect", started)
+    place = Place(environment={"OBJECTFOLDER_DEVICE": "CUDA"})
+    with pytest.raises(LookupError, match="a cluster"), cluster.runner(place, root, 1):
+        pass
 
 
 @pytest.mark.slow
