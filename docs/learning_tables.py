@@ -13,11 +13,16 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "learning" / "results"
-MARK = re.compile(r"<!-- learning (\w+) -->")
+MARK = re.compile(r"<!-- learning ((?:\w+/)?)(\w+) -->")
 SENSE_NAMES = {"V": "sight", "A": "sound", "T": "touch"}
-METHODS = {"ours": "triplet and cross-entropy", "contrastive": "contrastive",
+METHODS = {"end_to_end": "networks trained for retrieval alone",
+           "ours": "triplet and cross-entropy", "contrastive": "contrastive",
            "CCA": "ridge CCA on the same features", "CCA of averaged inputs": "ridge CCA on averaged inputs",
            "PLS": "PLS", "classify, then look up": "classify, then look up"}  # fmt: skip
+CASES = {"seen": "seen objects", "at_vertices": "seen objects, touched at vertices",
+         "unseen": "unseen objects", "end_to_end": "unseen objects of the first folds"}  # fmt: skip
+PRETRAINED = {"pretrained": "a network of ImageNet", "with_own": "that and our own",
+              "with_own_and_neighbours": "both with nearest neighbours"}  # fmt: skip
 TRUTH, FILE = "truth to truth", "object_file to truth"
 LIKENESSES = {"iou": "IoU", "chamfer": "Chamfer-L1", "normal_consistency": "normal consistency"}
 GRASP_SENSES = {"V": "image", "T": "both gels", "VT": "both senses, one network",
@@ -27,8 +32,8 @@ Figures = dict[str, Any]
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Put a table where the page has a mark, as ``<!-- learning recognition -->``."""
-    return MARK.sub(lambda mark: table(mark[1]), markdown)
+    """Put a table where the page has a mark, as ``<!-- learning hundred/recognition -->``."""
+    return MARK.sub(lambda mark: table(mark[2], RESULTS / mark[1]), markdown)
 
 
 def table(task: str, results: Path = RESULTS) -> str:
@@ -114,10 +119,26 @@ def recognition(figures: Figures) -> str:
             for name in protocols
         ),
     ]
-    lines = [_rows(heading, rows), f"Images with one lamp anywhere: {_accuracy(figures['one lamp']['V'])}."]
+    lines = [_rows(heading, rows)]
+    if "pretrained" in figures:
+        lines.append(_pretrained(figures))
+    lines += [f"Images with one lamp anywhere: {_accuracy(figures['one lamp']['V'])}."]
     if "vertex" in figures:
         lines.append(_vertices(figures["vertex"]))
     return "\n\n".join(lines)
+
+
+def _pretrained(figures: Figures) -> str:
+    """Return accuracies of images with and without a network that ImageNet trained, by split."""
+    by_protocol = figures["pretrained"]
+    rows = [
+        ["our own", *(_accuracy(figures[protocol]["V"]) for protocol in by_protocol)],
+        *(
+            [label, *(_accuracy(row[way]) for row in by_protocol.values())]
+            for way, label in PRETRAINED.items()
+        ),
+    ]
+    return _rows(["images, top-1 %", *(f"split by {protocol}" for protocol in by_protocol)], rows)
 
 
 def _accuracy(row: Figures) -> str:
@@ -141,12 +162,12 @@ def _number(value: float | None, form: str) -> str:
 def retrieval(figures: Figures) -> str:
     """Return mAP of seen and of unseen objects by direction and method."""
     parts = []
-    for case in ("seen", "unseen"):
-        directions = figures[case]
+    for case, label_of_case in CASES.items():
+        directions = figures.get(case)
         if not directions:
             continue
         chance = next(iter(directions.values()))["ours"]["chance_one_positive"]
-        heading = [f"{case} objects, mAP with one positive, chance {chance:.2f}", *directions]
+        heading = [f"{label_of_case}, mAP with one positive, chance {chance:.2f}", *directions]
         rows = []
         recorded = next(iter(directions.values()))
         for method, label in METHODS.items():

@@ -26,6 +26,7 @@ from torch.nn.functional import adaptive_avg_pool2d
 from learning.folds import folds_of
 from learning.meshes import Meshes
 from learning.networks import PART, Labelled, Network, answers, fit_classifier
+from learning.pretrained import NAME, pretrained_features
 from learning.runs import LOGS, Objects, kept
 from learning.samples import Samples, Source, draw, regions_of
 from learning.settings import Settings
@@ -45,10 +46,11 @@ class Encoded:
 
     Attributes
     ----------
-    features : (n, 8 width) float32
+    features : (n, 8 width) float32, or (n, 1280) of a pretrained network
     log_probabilities : (n, classes) float32
     labels : (n,) int64, positions in `Objects.ids`
-    averaged_inputs : (n, channels `AVERAGED`^2) float32, what a sample shows without any training
+    averaged_inputs : (n, channels `AVERAGED`^2) float32, what a sample shows without any training; (n, 0)
+        where features are given
     """
 
     features: NDArray[np.float32]
@@ -85,6 +87,7 @@ def encoded(
     protocol: str,
     seed: int,
     unseen: Sequence[int] = (),
+    pretrained: bool = False,
 ) -> Encoder:
     """Train the network of a sense, or read what it was.
 
@@ -93,6 +96,8 @@ def encoded(
     unseen
         Positions of objects that the network is not trained on; the test split is theirs alone. Empty for
         the other protocols.
+    pretrained
+        Whether only a linear layer is trained, on features of images by `learning.pretrained`.
     """
     key = {
         "unit": "encoder", "sense": sense, "protocol": protocol, "seed": seed, "unseen": list(unseen),
@@ -102,7 +107,9 @@ def encoded(
     }  # fmt: skip
     if protocol in AT_VERTICES:
         key["touch_at_vertices"] = settings.touch_at_vertices.model_dump(exclude={"finer_resolution"})
-    stored = kept(__name__, key, lambda: _train(objects, settings, sense, protocol, seed, unseen))
+    if pretrained:
+        key["pretrained"] = NAME
+    stored = kept(__name__, key, lambda: _train(objects, settings, sense, protocol, seed, unseen, pretrained))
     return _unpacked(stored)
 
 
@@ -113,6 +120,7 @@ def train(
     keys: Sequence[NetworkKey],
     unseen: Sequence[str] = (),
     folds: int | None = None,
+    pretrained: Sequence[NetworkKey] = (),
 ) -> None:
     """Train networks side by side, so that `encoded` reads them; one worker trains those that share draws.
 
@@ -124,12 +132,16 @@ def train(
         Senses whose networks of unseen objects are trained as well.
     folds
         How many folds of those; all if None.
+    pretrained
+        Of `keys`, those whose samples a pretrained network is shown as well.
     """
     by_draws: dict[NetworkKey, list[tuple[Any, ...]]] = {key: [key] for key in keys}
     several = list(enumerate(folds_of(objects, settings)))[:folds]
     for sense in unseen:
         networks = [(sense, "unseen", fold, tuple(out)) for fold, out in several]
         by_draws.setdefault((sense, "sample", settings.seeds[0]), []).extend(networks)
+    for key in pretrained:
+        by_draws[key].append((*key, (), True))
     workers.gather([workers.submit(_trained, objects, settings, group) for group in by_draws.values()])
 
 
@@ -139,30 +151,48 @@ def _trained(objects: Objects, settings: Settings, group: Sequence[Any]) -> None
 
 
 def _train(
-    objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int]
+    objects: Objects | Meshes,
+    settings: Settings,
+    sense: str,
+    protocol: str,
+    seed: int,
+    unseen: Sequence[int],
+    pretrained: bool,
 ) -> Arrays:
-    if protocol == "unseen":
-        samples, nearest = drawn(objects, settings, sense, "sample", settings.seeds[0])
-        out = torch.tensor(list(unseen))
-        samples = {
-            split: Labelled(part.inputs[chosen], part.labels[chosen])
-            for split, part in samples.items()
-            for chosen in [torch.isin(part.labels, out) == (split == "test")]
-        }
-    else:
-        samples, nearest = drawn(objects, settings, sense, protocol, seed)
+    samples, nearest = samples_of(objects, settings, sense, protocol, seed, unseen)
     parameters = settings.encoder
     if protocol in AT_VERTICES:
         own = settings.touch_at_vertices
         training = {"epochs": own.epochs, "batch": own.batch, "learning_rate": own.learning_rate}
         parameters = parameters.model_copy(update=training)
+    if pretrained:
+        samples = {
+            split: Labelled(pretrained_features(part.inputs), part.labels) for split, part in samples.items()
+        }
     from torch.utils.tensorboard import SummaryWriter
 
-    with SummaryWriter(LOGS / f"{sense} {protocol} {seed}") as log:
+    name = f"{NAME if pretrained else sense} {protocol} {seed}"
+    with SummaryWriter(LOGS / name) as log:
         network = fit_classifier(
             samples["training"], samples["validation"], len(objects), parameters, seed, log
         )
     return {**packed(network, samples), "nearest": np.array(nearest)}
+
+
+def samples_of(
+    objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int, unseen: Sequence[int]
+) -> tuple[dict[str, Labelled], float]:
+    """Draw what the network of a sense is trained and tested on, as `drawn`; see `encoded`."""
+    if protocol != "unseen":
+        return drawn(objects, settings, sense, protocol, seed)
+    samples, nearest = drawn(objects, settings, sense, "sample", settings.seeds[0])
+    out = torch.tensor(list(unseen))
+    parted = {
+        split: Labelled(part.inputs[chosen], part.labels[chosen])
+        for split, part in samples.items()
+        for chosen in [torch.isin(part.labels, out) == (split == "test")]
+    }
+    return parted, nearest
 
 
 def packed(network: Network, samples: dict[str, Labelled]) -> Arrays:
@@ -172,9 +202,14 @@ def packed(network: Network, samples: dict[str, Labelled]) -> Arrays:
         features, logs = answers(network, part.inputs)
         arrays |= {f"{split}/features": features.numpy(), f"{split}/logs": logs.numpy()}
         arrays[f"{split}/labels"] = part.labels.numpy()
-        averaged = [adaptive_avg_pool2d(rows.float(), AVERAGED) for rows in part.inputs.split(PART)]
-        arrays[f"{split}/averaged"] = torch.cat(averaged).flatten(1).numpy()
+        arrays[f"{split}/averaged"] = _averaged(part.inputs).numpy()
     return arrays
+
+
+def _averaged(inputs: torch.Tensor) -> torch.Tensor:
+    if inputs.ndim == 2:
+        return inputs.new_zeros(len(inputs), 0)
+    return torch.cat([adaptive_avg_pool2d(rows.float(), AVERAGED) for rows in inputs.split(PART)]).flatten(1)
 
 
 def _unpacked(arrays: Arrays) -> Encoder:

@@ -1,4 +1,4 @@
-"""ResNet-18 (He et al. 2016) of one sense or joined of several, and its training as a classifier."""
+"""ResNet-18 (He et al. 2016) of one sense or joined of several, a linear layer, and their training."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -53,7 +53,24 @@ class _Standardised(nn.Module):
         self.mean, self.scale = mean.float(), variance.sqrt().float() + 1e-6
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return ((x - self.mean) / self.scale).contiguous(memory_format=CHANNELS_LAST)
+        return _laid_out((x - self.mean) / self.scale)
+
+
+class LinearHead(nn.Module):
+    """Features (n, count) of a network that is trained already to logits (n, classes)."""
+
+    def __init__(self, count: int, classes: int) -> None:
+        super().__init__()
+        self.features = _Standardised()
+        self.head = nn.Linear(count, classes)
+
+    def learn(self, inputs: torch.Tensor) -> None:
+        """Take what the training samples (n, count) share."""
+        self.features.learn(inputs)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return logits (n, classes)."""
+        return self.head(self.features(x))
 
 
 class ResNet18(nn.Module):
@@ -115,7 +132,7 @@ class JoinedSenses(nn.Module):
         return self.head(self.features(x))
 
 
-Network = ResNet18 | JoinedSenses
+Network = ResNet18 | JoinedSenses | LinearHead
 
 
 @dataclass(frozen=True)
@@ -124,6 +141,14 @@ class Labelled:
 
     inputs: torch.Tensor
     labels: torch.Tensor
+
+
+def lay_out(network: nn.Module) -> None:
+    """Bring the weights of a network to the device, laid out as its inputs are."""
+    network.to(DEVICE)
+    for weights in network.parameters():
+        if weights.ndim == 4:
+            weights.data = weights.data.contiguous(memory_format=CHANNELS_LAST)
 
 
 def batches(count: int, size: int, random: torch.Generator) -> Iterator[torch.Tensor]:
@@ -144,6 +169,8 @@ def fit_classifier(
 ) -> Network:
     """Train on one set, and return the epoch that is best on the other; the test set is never seen.
 
+    Inputs (n, channels, h, w) are told apart by a ResNet, features (n, count) by a linear layer.
+
     Parameters
     ----------
     senses
@@ -154,15 +181,14 @@ def fit_classifier(
     torch.manual_seed(seed)
     random = torch.Generator().manual_seed(seed)
     network: Network
-    if senses is None:
+    if training.inputs.ndim == 2:
+        network = LinearHead(training.inputs.shape[1], classes)
+    elif senses is None:
         network = ResNet18(training.inputs.shape[1], classes, parameters.width)
     else:
         network = JoinedSenses(senses, classes, parameters.width)
     network.learn(training.inputs)
-    network.to(DEVICE)
-    for weights in network.parameters():
-        if weights.ndim == 4:
-            weights.data = weights.data.contiguous(memory_format=CHANNELS_LAST)
+    lay_out(network)
     optimiser = torch.optim.AdamW(network.parameters(), parameters.learning_rate, weight_decay=1e-2)
     steps = parameters.epochs * max(1, -(-len(training.labels) // parameters.batch))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, parameters.learning_rate, total_steps=steps)
@@ -171,7 +197,7 @@ def fit_classifier(
         network.train()
         losses = []
         for rows in batches(len(training.labels), parameters.batch, random):
-            logits = network(_on_device(training.inputs[rows]))
+            logits = network(on_device(training.inputs[rows]))
             loss = cross_entropy(logits, training.labels[rows].to(DEVICE), label_smoothing=0.05)
             optimiser.zero_grad()
             loss.backward()
@@ -188,13 +214,18 @@ def fit_classifier(
     return network
 
 
-def _on_device(inputs: torch.Tensor) -> torch.Tensor:
-    return inputs.to(DEVICE).float().contiguous(memory_format=CHANNELS_LAST)
+def on_device(inputs: torch.Tensor) -> torch.Tensor:
+    """Return inputs as networks take them: float32, where and as they lie in memory."""
+    return _laid_out(inputs.to(DEVICE).float())
+
+
+def _laid_out(inputs: torch.Tensor) -> torch.Tensor:
+    return inputs.contiguous(memory_format=CHANNELS_LAST) if inputs.ndim == 4 else inputs
 
 
 @torch.no_grad()
 def answers(network: Network, inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return features (n, 8 width), or (n, `JOINING`), and log probabilities (n, classes), on the CPU."""
+    """Return features (n, 8 width), (n, `JOINING`) or (n, count), and log probabilities, on the CPU."""
     network.eval()
-    features = torch.cat([network.features(_on_device(part)) for part in inputs.split(128)])
+    features = torch.cat([network.features(on_device(part)) for part in inputs.split(128)])
     return features.cpu(), torch.log_softmax(network.head(features), dim=1).cpu()

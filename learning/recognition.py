@@ -21,6 +21,7 @@ from learning.workers import Workers
 LETTERS = dict(zip(SENSES, "VAT", strict=True))
 COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SENSES, size))
 PROTOCOLS: dict[str, Sequence[str]] = {"sample": SENSES, "region": SENSES, "vertex": ("touch",)}
+PRETRAINED = ("sample", "region")  # protocols in which a network that ImageNet trained is shown images, too
 SEVERAL = (1, 2, 3, 5)
 DRAWS = 500  # of several samples of an object
 PAIRINGS = 8  # of test samples, each with others of its object
@@ -134,6 +135,16 @@ def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
     return test.log_probabilities.argmax(axis=1) == test.labels
 
 
+def summed(encoders: Sequence[Encoder]) -> NDArray[np.bool_]:
+    """Return which test samples several networks of the same samples together name rightly, as `fused`."""
+    test = encoders[0].splits["test"]
+    scaled_logs = [
+        inverse_temperature(encoder.splits["validation"]) * encoder.splits["test"].log_probabilities
+        for encoder in encoders
+    ]
+    return np.asarray(np.argmax(sum(scaled_logs), axis=1) == test.labels)
+
+
 def _shares(
     objects: Objects,
     settings: Settings,
@@ -147,16 +158,43 @@ def _shares(
     if neighbours:
         encoders = [with_neighbours(encoder) for encoder in encoders]
     hits = named_rightly(encoders[0]) if len(senses) == 1 else fused(encoders, seed)
-    labels = encoders[0].splits["test"].labels
+    return _by_object(hits, encoders[0])
+
+
+def _by_object(hits: NDArray[np.bool_], encoder: Encoder) -> NDArray[np.float64]:
+    labels = encoder.splits["test"].labels
     rounds = len(hits) // len(labels)
     return np.array(list(means_by_object(hits.astype(np.float64), np.tile(labels, rounds)).values()))
+
+
+def _with_pretrained(
+    objects: Objects, settings: Settings, workers: Workers, protocol: str
+) -> dict[str, dict[str, Any]]:
+    """Return accuracies of images by the pretrained network alone, and by it and the sense's own together."""
+    rows = [workers.submit(_pretrained_shares, objects, settings, protocol, seed) for seed in settings.seeds]
+    shares = workers.gather(rows)
+    return {way: accuracies([row[way] for row in shares]) for way in shares[0]}
+
+
+def _pretrained_shares(
+    objects: Objects, settings: Settings, protocol: str, seed: int
+) -> dict[str, NDArray[np.float64]]:
+    own = encoded(objects, settings, "vision", protocol, seed)
+    head = encoded(objects, settings, "vision", protocol, seed, pretrained=True)
+    both = [with_neighbours(encoder) for encoder in (own, head)]
+    return {
+        "pretrained": _by_object(named_rightly(head), head),
+        "with_own": _by_object(summed([own, head]), head),
+        "with_own_and_neighbours": _by_object(summed(both), head),
+    }
 
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return accuracies by protocol and senses, curves of several samples, and how confused objects are."""
     cases = [(sense, protocol) for protocol, senses in PROTOCOLS.items() for sense in senses]
     networks = [(*case, seed) for case in [*cases, ("vision", "one lamp")] for seed in settings.seeds]
-    train(objects, settings, workers, networks)
+    seen = [("vision", protocol, seed) for protocol in PRETRAINED for seed in settings.seeds]
+    train(objects, settings, workers, networks, pretrained=seen)
     result: dict[str, Any] = {
         "chance_percent": 100 / len(objects),
         "tests_a_seed": settings.data.test * len(objects),
@@ -164,6 +202,9 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     for protocol, senses in PROTOCOLS.items():
         result[protocol] = _row(objects, settings, workers, protocol, senses)
     result["vertex"] |= _at_vertices(objects, settings, workers)
+    result["pretrained"] = {
+        protocol: _with_pretrained(objects, settings, workers, protocol) for protocol in PRETRAINED
+    }
     dark = [_shares(objects, settings, ("vision",), "one lamp", seed) for seed in settings.seeds]
     result["one lamp"] = {"V": accuracies(dark)}
     return result

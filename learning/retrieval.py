@@ -7,7 +7,7 @@ inputs that no network was trained on.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from torch.nn.functional import normalize
 
 from learning.common_space import PAIRINGS, SPACES, Pair, both_ways, fit_common_space
 from learning.encoders import SPLITS, Encoded, Encoder, encoded, train
+from learning.end_to_end import end_to_end_similarity
 from learning.folds import folds_of
 from learning.metrics import (
     average_precisions,
@@ -37,6 +38,28 @@ from learning.workers import Workers
 Floats = NDArray[np.float64]
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
 GALLERIES = 20  # draws of one positive an object
+END_TO_END = "end_to_end"
+
+
+@dataclass(frozen=True)
+class Case:
+    """What networks and a common space are trained on; see `learning.encoders.encoded`.
+
+    Attributes
+    ----------
+    touch_protocol : of touch, where it differs from that of the other senses
+    end_to_end : whether networks are trained for retrieval alone as well
+    """
+
+    protocol: str
+    seed: int
+    unseen: tuple[int, ...] = ()
+    touch_protocol: str | None = None
+    end_to_end: bool = False
+
+    def protocol_of(self, sense: str) -> str:
+        """Return the protocol of a sense."""
+        return self.touch_protocol or self.protocol if sense == "touch" else self.protocol
 
 
 class Projection(NamedTuple):
@@ -177,44 +200,59 @@ def scores(similarity: Floats, queries: Encoded, gallery: Encoded, seed: int) ->
 
 
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
-    """Return figures by direction and method, of objects seen in training and of unseen ones."""
-    networks = [(sense, "sample", seed) for sense in SENSES for seed in settings.seeds]
+    """Return figures by direction and method.
+
+    They are of objects seen in training, of the same with touches at vertices as published, of unseen
+    objects, and of unseen ones with networks that are trained for retrieval alone.
+    """
+    networks = [
+        *((sense, "sample", seed) for sense in SENSES for seed in settings.seeds),
+        *(("touch", "vertex", seed) for seed in settings.seeds),
+    ]
     train(objects, settings, workers, networks, SENSES)
     folds = folds_of(objects, settings)
-    cases: dict[str, list[tuple[str, int, tuple[int, ...]]]] = {
-        "seen": [("sample", seed, ()) for seed in settings.seeds],
-        "unseen": [("unseen", fold, tuple(out)) for fold, out in enumerate(folds)],
-    }
+    seen = [Case("sample", seed) for seed in settings.seeds]
+    at_vertices = [replace(case, touch_protocol="vertex") for case in seen]
+    unseen = [Case("unseen", fold, tuple(out)) for fold, out in enumerate(folds)]
+    whole = [replace(case, end_to_end=True) for case in unseen[: settings.retrieval.end_to_end_folds]]
+    cases = {"seen": seen, "at_vertices": at_vertices, "unseen": unseen, END_TO_END: whole}
     submissions = {
         name: [
-            workers.submit(_directions, objects, settings, senses, *case)
+            workers.submit(_directions, objects, settings, senses, case)
             for case in cases_of_name
             for senses in combinations(SENSES, 2)
+            if name != "at_vertices" or "touch" in senses
         ]
         for name, cases_of_name in cases.items()
     }
     return {
-        **{name: _table(workers.gather(futures)) for name, futures in submissions.items()},
+        **{
+            name: _table(workers.gather(futures), name if name == END_TO_END else "ours")
+            for name, futures in submissions.items()
+        },
         "unseen_gallery_objects": [len(out) for out in folds],
     }
 
 
 def _directions(
-    objects: Objects,
-    settings: Settings,
-    senses: tuple[str, str],
-    protocol: str,
-    seed: int,
-    unseen: Sequence[int],
+    objects: Objects, settings: Settings, senses: tuple[str, str], case: Case
 ) -> dict[str, dict[str, Scores]]:
     """Return the scores of both directions between two senses, by method."""
-    first, second = (encoded(objects, settings, sense, protocol, seed, unseen) for sense in senses)
+    first, second = (
+        encoded(objects, settings, sense, case.protocol_of(sense), case.seed, case.unseen) for sense in senses
+    )
     tests = first.splits["test"], second.splits["test"]
-    similarity_by_method = similarities((first, second), len(objects), settings.retrieval, seed)
+    similarity_by_method = similarities((first, second), len(objects), settings.retrieval, case.seed)
+    if case.end_to_end:
+        whole = end_to_end_similarity(objects, settings, senses, case.protocol, case.seed, case.unseen)
+        similarity_by_method[END_TO_END] = whole
     return {
         f"{LETTERS[senses[query_side]]} to {LETTERS[senses[gallery_side]]}": {
             method: scores(
-                similarity if query_side == 0 else similarity.T, tests[query_side], tests[gallery_side], seed
+                similarity if query_side == 0 else similarity.T,
+                tests[query_side],
+                tests[gallery_side],
+                case.seed,
             )
             for method, similarity in similarity_by_method.items()
         }
@@ -222,8 +260,8 @@ def _directions(
     }
 
 
-def _table(runs: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, Any]:
-    """Return by direction the figures of each method, and by how much ours is ahead of it.
+def _table(runs: Sequence[dict[str, dict[str, Scores]]], own_method: str) -> dict[str, Any]:
+    """Return by direction the figures of each method, and by how much our own is ahead of it.
 
     An object's figure is its mean over runs; means and intervals are over objects.
     """
@@ -231,7 +269,7 @@ def _table(runs: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, Any]:
     for direction in sorted({direction for run in runs for direction in run}):
         rows = [run[direction] for run in runs if direction in run]
         methods = {method: [row[method] for row in rows] for method in rows[0]}
-        ours = _by_object([row.map_one_positive for row in methods["ours"]])
+        ours = _by_object([row.map_one_positive for row in methods[own_method]])
         result[direction] = {}
         for method, own_rows in methods.items():
             single = _by_object([row.map_one_positive for row in own_rows])
@@ -242,7 +280,7 @@ def _table(runs: Sequence[dict[str, dict[str, Scores]]]) -> dict[str, Any]:
                 "map_one_positive_interval": list(share_interval(single)),
                 "chance_one_positive": float(np.mean([row.chance_one_positive for row in own_rows])),
             }
-            if method != "ours":
+            if method != own_method:
                 figures |= {
                     "ours_ahead": float((ours - single).mean()),
                     "ours_ahead_interval": list(interval_over_objects(ours - single)),

@@ -74,6 +74,7 @@ class Retrieval(_Strict):
     epochs: PositiveInt
     margin: PositiveFloat
     temperature: PositiveFloat
+    end_to_end_folds: int = Field(ge=0)
 
 
 class Reconstruction(_Strict):

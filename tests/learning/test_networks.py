@@ -1,11 +1,17 @@
 """The network and its training."""
 
+import numpy as np
 import pytest
 import torch
 
+from learning.end_to_end import fit_pair, similarity_of
+from learning.metrics import mean_average_precision
 from learning.networks import Labelled, ResNet18, answers, fit_classifier
+from learning.pretrained import answers_of, imagenet_network, pretrained_features
 from learning.settings import Encoder
+from objectfolder import example
 
+COFFEE_MUG = 504  # of the classes of ImageNet
 ASKED = Encoder(width=8, epochs=4, batch=16, learning_rate=5e-3)
 
 
@@ -47,6 +53,57 @@ def test_two_senses_tell_together_what_neither_tells_alone():
     assert (answers(network, test.inputs)[1].argmax(dim=1) == test.labels).float().mean() > 0.9
     blind = test.inputs * torch.tensor([1.0, 0.0])[:, None, None]
     assert (answers(network, blind)[1].argmax(dim=1) == test.labels).float().mean() < 0.8
+
+
+@pytest.mark.slow
+def test_a_pair_of_networks_learns_to_find_one_sense_by_the_other_and_gives_the_same_bits_again(tiny):
+    """A sense shows stripes of one of two widths, the other which of its halves is bright."""
+
+    def pair(count: int, seed: int) -> tuple[Labelled, Labelled]:
+        random = torch.Generator().manual_seed(seed)
+        labels = torch.arange(count) % 2
+        waves = torch.stack([torch.sin(torch.arange(32.0) * width).expand(32, 32) for width in (1.0, 0.3)])
+        halves = torch.ones(2, 32, 32)
+        halves[0, :16] = halves[1, 16:] = 0
+        senses = (shown[labels][:, None] for shown in (waves, halves))
+        first, second = (
+            Labelled(inputs + torch.randn(inputs.shape, generator=random), labels) for inputs in senses
+        )
+        return first, second
+
+    settings = tiny.model_copy(update={"encoder": ASKED.model_copy(update={"epochs": 25})})
+    test = pair(40, 2)
+    results = [similarity_of(fit_pair(pair(192, 0), pair(32, 1), settings, seed=3), test) for _ in range(2)]
+    np.testing.assert_array_equal(*results)
+    labels = [part.labels.numpy() for part in test]
+    assert mean_average_precision(results[0], *labels, seed=0) > 0.95
+
+
+def test_a_layer_on_features_takes_only_features():
+    random = torch.Generator().manual_seed(0)
+    labels = torch.arange(64) % 2
+    features = torch.randn(64, 12, generator=random)
+    features[:, 0] += 4 * labels
+    network = fit_classifier(
+        Labelled(features, labels), Labelled(features, labels), 2, ASKED.model_copy(update={"epochs": 80}), 0
+    )
+    assert sum(weights.numel() for weights in network.parameters()) == 2 * 12 + 2
+    assert (answers(network, features)[1].argmax(dim=1) == labels).float().mean() > 0.9
+
+
+def test_pretrained_features_do_not_depend_on_the_batch():
+    images = torch.rand(3, 3, 16, 16, generator=torch.Generator().manual_seed(0))
+    features = pretrained_features(images)
+    assert features.shape == (3, 1280)
+    torch.testing.assert_close(pretrained_features(images[1:2])[0], features[1], atol=1e-4, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_network_of_imagenet_knows_a_mug():
+    file = example("mug")
+    images = file.render(*file.sample_views(6, seed=0, lit=True), 128, sub_rays=4)
+    logits = answers_of(torch.from_numpy(images).permute(0, 3, 1, 2) / 255, imagenet_network())
+    assert (logits.topk(5).indices == COFFEE_MUG).any(dim=1).sum() >= 3
 
 
 def test_answers_do_not_depend_on_the_batch():

@@ -121,9 +121,17 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     for senses in ("V", "A", "T", "VAT"):
         low, high = found["sample"][senses]["interval_percent"]
         assert low <= 25 <= high
+    for ways in found["pretrained"].values():
+        assert set(ways) == {"pretrained", "with_own", "with_own_and_neighbours"}
+        for figures in ways.values():
+            low, high = figures["interval_percent"]
+            assert low <= 25 <= high
     retrieved = retrieval.evaluate(objects, tiny, Here())
-    assert set(retrieved["seen"]) == {"V to A", "A to V", "V to T", "T to V", "A to T", "T to A"}
-    for methods in retrieved["seen"].values():
+    directions = {"V to A", "A to V", "V to T", "T to V", "A to T", "T to A"}
+    assert set(retrieved["seen"]) == directions
+    assert retrieved["unseen"] == retrieved["end_to_end"] == {}, "all twins are unseen together"
+    assert set(retrieved["at_vertices"]) == {name for name in directions if "T" in name}
+    for methods in [*retrieved["seen"].values(), *retrieved["at_vertices"].values()]:
         for one in methods.values():
             assert abs(one["map"] - one["chance"]) < 0.2
     shaped = reconstruction.evaluate(objects, tiny, Here())
