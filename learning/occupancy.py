@@ -17,13 +17,13 @@ from scipy.ndimage import maximum_filter
 from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
+from learning.enclosure import Columns
 from learning.networks import DEVICE
 from learning.runs import Objects, kept
 from learning.settings import Reconstruction
 from learning.shapes import (
     HALF_SIDE,
     grid_points,
-    inside,
     near_surface,
     surface_of,
     unit_mesh,
@@ -84,12 +84,12 @@ class Shapes:
     points
         (p, 3) float32: first `FAR_POINTS` uniform in the cube, then an equal share about each surface.
     occupied
-        (objects, p) bool, a row a mesh.
+        (p, bytes) uint8: a bit a mesh, as `numpy.packbits` has them.
     """
 
     meshes: dict[int, trimesh.Trimesh]
     points: torch.Tensor
-    occupied: torch.Tensor
+    occupied: np.ndarray
 
 
 def shapes_of(objects: Objects) -> Shapes:
@@ -98,17 +98,22 @@ def shapes_of(objects: Objects) -> Shapes:
     meshes = {label: mesh for label, mesh in meshes.items() if mesh.is_watertight}
     key = {"unit": "points", "files": objects.digests}
     arrays = kept(__name__, key, lambda: _labelled(meshes))
-    points = torch.from_numpy(arrays["points"])
-    occupied = np.unpackbits(arrays["occupied"], axis=1, count=len(points))
-    return Shapes(meshes, points, torch.from_numpy(occupied).bool())
+    return Shapes(meshes, torch.from_numpy(arrays["points"]), arrays["occupied"])
 
 
 def _labelled(meshes: dict[int, trimesh.Trimesh]) -> dict[str, np.ndarray]:
     near = NEAR_POINTS // max(1, len(meshes))
     about = [near_surface(mesh, near, label) for label, mesh in meshes.items()]
     points = np.concatenate([volume_points(0, FAR_POINTS), *about]).astype(np.float32)
-    occupied = np.array([np.packbits(inside(mesh, points)) for mesh in meshes.values()])
-    return {"points": points, "occupied": occupied}
+    return {"points": points, "occupied": occupied_bits(list(meshes.values()), points)}
+
+
+def occupied_bits(meshes: Sequence[trimesh.Trimesh], points: np.ndarray) -> np.ndarray:
+    """Return which of points (p, 3) each mesh has inside, as `Shapes.occupied`."""
+    columns = Columns(points)
+    groups = [meshes[first : first + 8] for first in range(0, len(meshes), 8)]
+    rows = [np.packbits([columns.inside(mesh) for mesh in group], axis=0)[0] for group in groups]
+    return np.stack(rows, axis=1)
 
 
 def fit(
@@ -135,13 +140,13 @@ def fit(
     network = OccupancyNetwork(conditions.shape[1], parameters.width).to(DEVICE)
     weights = [weight for name, weight in network.named_parameters() if not name.startswith("grids")]
     grids: dict[str, Any] = {"params": network.grids.parameters(), "lr": GRID_RATE}
-    optimiser = torch.optim.Adam([grids, {"params": weights}], RATE)
+    optimiser = torch.optim.Adam([grids, {"params": weights}], RATE, fused=True)
     schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.01, total_iters=parameters.steps)
     places = {label: row for row, label in enumerate(shapes.meshes)}
     near = _near_rows([places[label] for label in known], len(shapes.meshes))
     batch_labels = known * -(-FEWEST_SAMPLES // len(known))
     rows_of = [torch.nonzero(labels == label)[:, 0] for label in batch_labels]
-    occupied = shapes.occupied[[places[label] for label in batch_labels]]
+    batch_places = [places[label] for label in batch_labels]
     for _ in range(parameters.steps):
         samples = torch.stack([rows[torch.randint(len(rows), (), generator=random)] for rows in rows_of])
         count = round(NEAR_SHARE * parameters.points)
@@ -152,7 +157,8 @@ def fit(
             ]
         )
         logits = network(conditions[samples].to(DEVICE), shapes.points[chosen].to(DEVICE))
-        loss = occupancy_loss(logits, occupied[:, chosen].float().to(DEVICE))
+        bits = np.unpackbits(shapes.occupied[chosen.numpy()], axis=1)[:, batch_places]
+        loss = occupancy_loss(logits, torch.from_numpy(bits).T.float().to(DEVICE))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
