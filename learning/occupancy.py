@@ -30,11 +30,11 @@ from learning.shapes import (
     volume_points,
 )
 
-SIDES, CHANNELS = (16, 32, 64), 8  # of the feature grids: corners a side, numbers at each
+SIDES, CHANNELS = (16, 32, 64), (8, 16, 32)  # of the feature grids: corners a side, numbers at each
 CONDITION = 128
 GRID_RATE, RATE = 3e-2, 5e-3  # of learning
 OVERLAP_WEIGHT = 0.3  # of the loss by overlap, beside that by points
-FAR_POINTS, NEAR_POINTS = 100_000, 1_000_000  # in the cube, and about surfaces, of all objects together
+FAR_POINTS, NEAR_POINTS = 100_000, 3_000_000  # in the cube, and about surfaces, of all objects together
 NEAR_SHARE = 0.75  # of the points of a step
 FEWEST_SAMPLES = 32  # of a step, several of an object where few are known
 COARSER = 4  # cells of the first look
@@ -52,9 +52,12 @@ class OccupancyNetwork(nn.Module):
 
     def __init__(self, inputs: int, width: int) -> None:
         super().__init__()
-        self.grids = nn.ParameterList(1e-2 * torch.randn(1, CHANNELS, n, n, n) for n in SIDES)
+        self.grids = nn.ParameterList(
+            1e-2 * torch.randn(1, channels, side, side, side)
+            for side, channels in zip(SIDES, CHANNELS, strict=True)
+        )
         self.layers = nn.Sequential(
-            nn.Linear(CHANNELS * len(SIDES) + 3, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+            nn.Linear(sum(CHANNELS) + 3, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
         )
         self.norm = nn.BatchNorm1d(width, affine=False)
         self.condition = nn.Sequential(nn.BatchNorm1d(inputs), nn.Linear(inputs, CONDITION), nn.ReLU())

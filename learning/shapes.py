@@ -48,7 +48,7 @@ def volume_points(seed: int, count: int = VOLUME_POINTS) -> Floats:
     return np.random.default_rng(seed).uniform(-HALF_SIDE, HALF_SIDE, (count, 3))
 
 
-def near_surface(mesh: trimesh.Trimesh, count: int, seed: int, spread: float = 0.012) -> Floats:
+def near_surface(mesh: trimesh.Trimesh, count: int, seed: int, spread: float = 0.005) -> Floats:
     """Return points (count, 3) about a surface: uniform points of the cube starve thin objects."""
     points, _ = trimesh.sample.sample_surface(mesh, count, seed=seed)
     return points + np.random.default_rng(seed).normal(scale=spread, size=points.shape)
