@@ -17,24 +17,24 @@ from scipy.ndimage import maximum_filter
 from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
+from learning.enclosure import Columns
 from learning.networks import DEVICE
 from learning.runs import Objects, kept
 from learning.settings import Reconstruction
 from learning.shapes import (
     HALF_SIDE,
     grid_points,
-    inside,
     near_surface,
     surface_of,
     unit_mesh,
     volume_points,
 )
 
-SIDES, CHANNELS = (16, 32, 64), 8  # of the feature grids: corners a side, numbers at each
+SIDES, CHANNELS = (16, 32, 64), (8, 16, 32)  # of the feature grids: corners a side, numbers at each
 CONDITION = 128
 GRID_RATE, RATE = 3e-2, 5e-3  # of learning
 OVERLAP_WEIGHT = 0.3  # of the loss by overlap, beside that by points
-FAR_POINTS, NEAR_POINTS = 100_000, 1_000_000  # in the cube, and about surfaces, of all objects together
+FAR_POINTS, NEAR_POINTS = 100_000, 3_000_000  # in the cube, and about surfaces, of all objects together
 NEAR_SHARE = 0.75  # of the points of a step
 FEWEST_SAMPLES = 32  # of a step, several of an object where few are known
 COARSER = 4  # cells of the first look
@@ -52,9 +52,12 @@ class OccupancyNetwork(nn.Module):
 
     def __init__(self, inputs: int, width: int) -> None:
         super().__init__()
-        self.grids = nn.ParameterList(1e-2 * torch.randn(1, CHANNELS, n, n, n) for n in SIDES)
+        self.grids = nn.ParameterList(
+            1e-2 * torch.randn(1, channels, side, side, side)
+            for side, channels in zip(SIDES, CHANNELS, strict=True)
+        )
         self.layers = nn.Sequential(
-            nn.Linear(CHANNELS * len(SIDES) + 3, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+            nn.Linear(sum(CHANNELS) + 3, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
         )
         self.norm = nn.BatchNorm1d(width, affine=False)
         self.condition = nn.Sequential(nn.BatchNorm1d(inputs), nn.Linear(inputs, CONDITION), nn.ReLU())
@@ -84,12 +87,12 @@ class Shapes:
     points
         (p, 3) float32: first `FAR_POINTS` uniform in the cube, then an equal share about each surface.
     occupied
-        (objects, p) bool, a row a mesh.
+        (p, bytes) uint8: a bit a mesh, as `numpy.packbits` has them.
     """
 
     meshes: dict[int, trimesh.Trimesh]
     points: torch.Tensor
-    occupied: torch.Tensor
+    occupied: np.ndarray
 
 
 def shapes_of(objects: Objects) -> Shapes:
@@ -98,17 +101,22 @@ def shapes_of(objects: Objects) -> Shapes:
     meshes = {label: mesh for label, mesh in meshes.items() if mesh.is_watertight}
     key = {"unit": "points", "files": objects.digests}
     arrays = kept(__name__, key, lambda: _labelled(meshes))
-    points = torch.from_numpy(arrays["points"])
-    occupied = np.unpackbits(arrays["occupied"], axis=1, count=len(points))
-    return Shapes(meshes, points, torch.from_numpy(occupied).bool())
+    return Shapes(meshes, torch.from_numpy(arrays["points"]), arrays["occupied"])
 
 
 def _labelled(meshes: dict[int, trimesh.Trimesh]) -> dict[str, np.ndarray]:
     near = NEAR_POINTS // max(1, len(meshes))
     about = [near_surface(mesh, near, label) for label, mesh in meshes.items()]
     points = np.concatenate([volume_points(0, FAR_POINTS), *about]).astype(np.float32)
-    occupied = np.array([np.packbits(inside(mesh, points)) for mesh in meshes.values()])
-    return {"points": points, "occupied": occupied}
+    return {"points": points, "occupied": occupied_bits(list(meshes.values()), points)}
+
+
+def occupied_bits(meshes: Sequence[trimesh.Trimesh], points: np.ndarray) -> np.ndarray:
+    """Return which of points (p, 3) each mesh has inside, as `Shapes.occupied`."""
+    columns = Columns(points)
+    groups = [meshes[first : first + 8] for first in range(0, len(meshes), 8)]
+    rows = [np.packbits([columns.inside(mesh) for mesh in group], axis=0)[0] for group in groups]
+    return np.stack(rows, axis=1)
 
 
 def fit(
@@ -135,13 +143,13 @@ def fit(
     network = OccupancyNetwork(conditions.shape[1], parameters.width).to(DEVICE)
     weights = [weight for name, weight in network.named_parameters() if not name.startswith("grids")]
     grids: dict[str, Any] = {"params": network.grids.parameters(), "lr": GRID_RATE}
-    optimiser = torch.optim.Adam([grids, {"params": weights}], RATE)
+    optimiser = torch.optim.Adam([grids, {"params": weights}], RATE, fused=True)
     schedule = torch.optim.lr_scheduler.LinearLR(optimiser, 1.0, 0.01, total_iters=parameters.steps)
     places = {label: row for row, label in enumerate(shapes.meshes)}
     near = _near_rows([places[label] for label in known], len(shapes.meshes))
     batch_labels = known * -(-FEWEST_SAMPLES // len(known))
     rows_of = [torch.nonzero(labels == label)[:, 0] for label in batch_labels]
-    occupied = shapes.occupied[[places[label] for label in batch_labels]]
+    batch_places = [places[label] for label in batch_labels]
     for _ in range(parameters.steps):
         samples = torch.stack([rows[torch.randint(len(rows), (), generator=random)] for rows in rows_of])
         count = round(NEAR_SHARE * parameters.points)
@@ -152,7 +160,8 @@ def fit(
             ]
         )
         logits = network(conditions[samples].to(DEVICE), shapes.points[chosen].to(DEVICE))
-        loss = occupancy_loss(logits, occupied[:, chosen].float().to(DEVICE))
+        bits = np.unpackbits(shapes.occupied[chosen.numpy()], axis=1)[:, batch_places]
+        loss = occupancy_loss(logits, torch.from_numpy(bits).T.float().to(DEVICE))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

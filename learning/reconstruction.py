@@ -16,6 +16,7 @@ import numpy as np
 import torch
 import trimesh
 
+from learning.enclosure import Columns
 from learning.encoders import Encoded, Encoder, encoded, train
 from learning.folds import folds_of
 from learning.metrics import interval_over_objects
@@ -23,7 +24,7 @@ from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, kept
 from learning.settings import Reconstruction, Settings
-from learning.shapes import Likeness, inside, likeness, overlap, volume_points
+from learning.shapes import Likeness, likeness, overlap, volume_points
 from learning.workers import Workers
 
 VARIANTS = (("vision",), ("audio",), ("vision", "audio"))
@@ -36,13 +37,13 @@ class Measures:
 
     def __init__(self, shapes: Shapes, parameters: Reconstruction) -> None:
         self.shapes, self._parameters = shapes, parameters
-        self._points = volume_points(seed=1)
-        self._volumes = {label: inside(mesh, self._points) for label, mesh in shapes.meshes.items()}
+        self._columns = Columns(volume_points(seed=1))
+        self._volumes = {label: self._columns.inside(mesh) for label, mesh in shapes.meshes.items()}
         self._pairs: dict[tuple[int, int], Likeness] = {}
 
     def of(self, mesh: trimesh.Trimesh | None, label: int) -> Likeness:
         """Compare a mesh with that of an object."""
-        iou = overlap(inside(mesh, self._points), self._volumes[label])
+        iou = 0.0 if mesh is None else overlap(self._columns.inside(mesh), self._volumes[label])
         return likeness(mesh, self.shapes.meshes[label], iou, self._parameters.surface_points, seed=0)
 
     def of_object(self, answer: int, label: int) -> Likeness:

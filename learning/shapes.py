@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from skimage.measure import marching_cubes
 
+from learning.enclosure import Columns
 from objectfolder.object_file import ObjectFile
 
 Floats = NDArray[np.float64]
@@ -47,7 +48,7 @@ def volume_points(seed: int, count: int = VOLUME_POINTS) -> Floats:
     return np.random.default_rng(seed).uniform(-HALF_SIDE, HALF_SIDE, (count, 3))
 
 
-def near_surface(mesh: trimesh.Trimesh, count: int, seed: int, spread: float = 0.012) -> Floats:
+def near_surface(mesh: trimesh.Trimesh, count: int, seed: int, spread: float = 0.005) -> Floats:
     """Return points (count, 3) about a surface: uniform points of the cube starve thin objects."""
     points, _ = trimesh.sample.sample_surface(mesh, count, seed=seed)
     return points + np.random.default_rng(seed).normal(scale=spread, size=points.shape)
@@ -55,7 +56,7 @@ def near_surface(mesh: trimesh.Trimesh, count: int, seed: int, spread: float = 0
 
 def inside(mesh: trimesh.Trimesh | None, points: Floats) -> NDArray[np.bool_]:
     """Return which points a closed mesh has inside; none for no mesh."""
-    return np.zeros(len(points), dtype=bool) if mesh is None else mesh.contains(points)
+    return np.zeros(len(points), dtype=bool) if mesh is None else Columns(points).inside(mesh)
 
 
 def overlap(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:

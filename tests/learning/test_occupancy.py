@@ -7,7 +7,7 @@ import trimesh
 
 from learning import occupancy
 from learning.encoders import Encoded
-from learning.occupancy import OVERLAP_WEIGHT, Shapes, fit, occupancy_loss, predicted
+from learning.occupancy import OVERLAP_WEIGHT, Shapes, fit, occupancy_loss, occupied_bits, predicted
 from learning.reconstruction import object_probabilities
 from learning.settings import read_settings
 from learning.shapes import inside, near_surface, overlap, volume_points
@@ -35,8 +35,7 @@ def balls(few_points):
     meshes = {label: trimesh.creation.icosphere(3, radius) for label, radius in RADII.items()}
     about = [near_surface(mesh, NEAR // 3, label) for label, mesh in meshes.items()]
     points = np.concatenate([volume_points(0, FAR), *about])
-    occupied = np.array([inside(mesh, points) for mesh in meshes.values()])
-    return Shapes(meshes, torch.from_numpy(points).float(), torch.from_numpy(occupied))
+    return Shapes(meshes, torch.from_numpy(points).float(), occupied_bits(list(meshes.values()), points))
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +56,14 @@ def test_conditions_say_how_large_a_ball_is(trained, label):
     points = volume_points(1)
     ball = np.linalg.norm(points, axis=1) < RADII[label]
     assert overlap(inside(mesh, points), ball) > 0.93
+
+
+def test_bits_say_which_meshes_hold_a_point():
+    radii = np.linspace(0.1, 0.5, 10)
+    points = np.array([[radius, 0, 0] for radius in (0.05, 0.3, 0.52)])
+    bits = occupied_bits([trimesh.creation.icosphere(3, radius) for radius in radii], points)
+    expected = [[True] * 10, [False] * 5 + [True] * 5, [False] * 10]
+    assert np.unpackbits(bits, axis=1, count=10).astype(bool).tolist() == expected
 
 
 def test_leaving_a_thin_object_out_costs_its_overlap():
