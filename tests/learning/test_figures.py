@@ -73,7 +73,7 @@ def sized(tiny):
         update={
             "data": tiny.data.model_copy(update=data),
             "encoder": Encoder(width=8, epochs=6, batch=16, learning_rate=5e-3),
-            "retrieval": Retrieval(dimensions=8, epochs=3, margin=0.2, temperature=0.1),
+            "retrieval": Retrieval(dimensions=8, epochs=3, margin=0.2, temperature=0.1, end_to_end_folds=0),
             "reconstruction": tiny.reconstruction.model_copy(update=shapes),
         }
     )

@@ -123,8 +123,8 @@ def labelled(count, seed, classes=4):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("protocol", ["sample", "unseen"])
-def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeypatch, protocol):
+@pytest.mark.parametrize(("protocol", "pretrained"), [("sample", False), ("unseen", False), ("sample", True)])
+def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeypatch, protocol, pretrained):
     monkeypatch.setattr(encoders, "LOGS", tmp_path)
     unseen = folds_of(objects, tiny)[0] if protocol == "unseen" else []
     fixed = {"training": labelled(16, 0), "validation": labelled(8, 1)}
@@ -136,7 +136,7 @@ def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeyp
             changed = torch.where(out[:, None, None, None], seed, fixed["training"].inputs)
             samples["training"] = Labelled(changed, fixed["training"].labels)
         monkeypatch.setattr(encoders, "drawn", lambda *asked, samples=samples: (samples, 0.0))
-        made.append(encoders._train(objects, tiny, "vision", protocol, 0, unseen))
+        made.append(encoders._train(objects, tiny, "vision", protocol, 0, unseen, pretrained))
     for name in ("training/logs", "validation/logs"):
         np.testing.assert_array_equal(made[0][name], made[1][name])
     assert not np.array_equal(made[0]["test/logs"], made[1]["test/logs"])
@@ -158,7 +158,7 @@ def features(seed, tests):
 
 @pytest.mark.slow
 def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
-    parameters = Retrieval(dimensions=4, epochs=2, margin=0.2, temperature=0.1)
+    parameters = Retrieval(dimensions=4, epochs=2, margin=0.2, temperature=0.1, end_to_end_folds=0)
     pair = features(0, 0), features(1, 0)
     swapped = [
         Encoder(
