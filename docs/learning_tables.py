@@ -101,6 +101,11 @@ def recognition(figures: Figures) -> str:
             if "with_neighbours" in figures[name]
         ),
         *(
+            [f"the worst object, by {name}", *cells(_worst, figures[name])]
+            for name in protocols
+            if "worst" in figures[name].get("V", figures[name].get("T", {}))
+        ),
+        *(
             [f"five together, by {name}", *cells(lambda row: f"{row['5']:.1f}", figures[name]["several"])]
             for name in protocols
         ),
@@ -143,6 +148,10 @@ def _pretrained(figures: Figures) -> str:
 
 def _accuracy(row: Figures) -> str:
     return _interval(row["accuracy_percent"], row["interval_percent"], ".1f")
+
+
+def _worst(row: Figures) -> str:
+    return f"{row['worst']['accuracy_percent']:.0f}"
 
 
 def _vertices(row: Figures) -> str:

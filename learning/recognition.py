@@ -23,6 +23,7 @@ COMBINATIONS = tuple(chosen for size in (1, 2, 3) for chosen in combinations(SEN
 PROTOCOLS: dict[str, Sequence[str]] = {"sample": SENSES, "region": SENSES, "vertex": ("touch",)}
 PRETRAINED = ("sample", "region")  # protocols in which a network that ImageNet trained is shown images, too
 SEVERAL = (1, 2, 3, 5)
+CONFUSIONS = 12  # of a sense, that are stated
 DRAWS = 500  # of several samples of an object
 PAIRINGS = 8  # of test samples, each with others of its object
 PRIOR_DEVIATION = 0.5  # of the logarithm of an inverse temperature
@@ -129,6 +130,15 @@ def accuracies(shares_of_seeds: Sequence[NDArray[np.float64]]) -> dict[str, Any]
     }
 
 
+def worst_object(
+    shares_of_seeds: Sequence[NDArray[np.float64]], ids: Sequence[str]
+) -> dict[str, str | float]:
+    """Return the object that is named rightly least often, and the percentage of its tests over all seeds."""
+    by_object = np.mean(shares_of_seeds, axis=0)
+    worst = int(by_object.argmin())
+    return {"object": ids[worst], "accuracy_percent": 100 * float(by_object[worst])}
+
+
 def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
     """Return which of the test samples one sense alone names rightly."""
     test = encoder.splits["test"]
@@ -227,7 +237,9 @@ def _row(
                     workers.submit(_shares, objects, settings, joined, protocol, seed, neighbours)
                     for seed in settings.seeds
                 ]
-                by_senses[name_of(joined)] = accuracies(workers.gather(shares))
+                shares_of_seeds = workers.gather(shares)
+                worst = worst_object(shares_of_seeds, objects.ids)
+                by_senses[name_of(joined)] = accuracies(shares_of_seeds) | {"worst": worst}
         row |= {"with_neighbours": by_senses} if neighbours else by_senses
     row["several"] = {
         LETTERS[sense]: {str(count): _several(encoders, sense, count) for count in SEVERAL}
@@ -237,7 +249,7 @@ def _row(
         LETTERS[sense]: float(np.mean([by_sense[sense].nearest_share for by_sense in encoders]))
         for sense in senses
     }
-    row["confusion"] = {LETTERS[sense]: _confusion(encoders, sense, len(objects)) for sense in senses}
+    row["confusions"] = {LETTERS[sense]: _confusions(encoders, sense, objects.ids) for sense in senses}
     return row
 
 
@@ -270,10 +282,18 @@ def _several(encoders: Sequence[dict[str, Encoder]], sense: str, count: int) -> 
     return 100 * float(np.mean(shares))
 
 
-def _confusion(encoders: Sequence[dict[str, Encoder]], sense: str, classes: int) -> list[list[int]]:
-    """Return how many test samples of an object (row) are named as another (column), over all seeds."""
-    counts = np.zeros((classes, classes), dtype=np.int64)
+def _confusions(
+    encoders: Sequence[dict[str, Encoder]], sense: str, ids: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Return which object is oftenest named as which other, and in how many of its tests over all seeds."""
+    counts = np.zeros((len(ids), len(ids)), dtype=np.int64)
     for by_sense in encoders:
         test = by_sense[sense].splits["test"]
         np.add.at(counts, (test.labels, test.log_probabilities.argmax(axis=1)), 1)
-    return counts.tolist()
+    np.fill_diagonal(counts, 0)
+    rows, columns = np.unravel_index(np.argsort(-counts, axis=None, kind="stable"), counts.shape)
+    return [
+        {"object": ids[row], "named": ids[column], "tests": int(counts[row, column])}
+        for row, column in zip(rows[:CONFUSIONS], columns[:CONFUSIONS], strict=True)
+        if counts[row, column]
+    ]

@@ -14,7 +14,7 @@ from learning.encoders import Encoded, Encoder, encoded
 from learning.meshes import Meshes
 from learning.metrics import means_by_object, share_interval
 from learning.neighbours import with_neighbours
-from learning.recognition import SEVERAL, accuracies, shares_of_several
+from learning.recognition import SEVERAL, accuracies, shares_of_several, worst_object
 from learning.settings import Settings
 from learning.vertices import touched_vertices
 from learning.workers import Workers
@@ -88,11 +88,9 @@ def _row(encoders: Sequence[Encoder], ids: Sequence[str]) -> dict[str, Any]:
 
 def _recognised(tests: Sequence[Encoded], ids: Sequence[str]) -> dict[str, Any]:
     shares = [_shares(test) for test in tests]
-    by_object = np.mean(shares, axis=0)
-    worst = int(by_object.argmin())
     return {
         "T": accuracies(shares),
-        "worst": {"object": ids[worst], "accuracy_percent": 100 * float(by_object[worst])},
+        "worst": worst_object(shares, ids),
         "several": {str(count): _several(tests, count) for count in SEVERAL},
     }
 

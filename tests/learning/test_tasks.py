@@ -121,6 +121,9 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     for senses in ("V", "A", "T", "VAT"):
         low, high = found["sample"][senses]["interval_percent"]
         assert low <= 25 <= high
+    for row in found["region"]["confusions"].values():
+        assert all(pair["object"] != pair["named"] and pair["tests"] > 0 for pair in row)
+    assert found["sample"]["T"]["worst"]["accuracy_percent"] <= found["sample"]["T"]["accuracy_percent"]
     for ways in found["pretrained"].values():
         assert set(ways) == {"pretrained", "with_own", "with_own_and_neighbours"}
         for figures in ways.values():
