@@ -112,9 +112,10 @@ def recognition(figures: Figures) -> str:
         *(
             [
                 f"standard deviation over seeds, by {name}",
-                *cells(lambda row: _number(row["sd_percent"], ".1f"), figures[name]),
+                *cells(lambda row: format(row["sd_percent"], ".1f"), figures[name]),
             ]
             for name in protocols
+            if figures[name]["T"]["sd_percent"] is not None
         ),
         *(
             [
@@ -162,10 +163,6 @@ def _vertices(row: Figures) -> str:
         gained = _interval(finer["points_gained"], finer["interval_points"], "+.1f")
         text += f" Images of {finer['pixels']} pixels gain {gained} points there, of the first seed's tests."
     return text
-
-
-def _number(value: float | None, form: str) -> str:
-    return "" if value is None else format(value, form)
 
 
 def retrieval(figures: Figures) -> str:
