@@ -187,12 +187,12 @@ def samples_of(
         return drawn(objects, settings, sense, protocol, seed)
     samples, nearest = drawn(objects, settings, sense, "sample", settings.seeds[0])
     out = torch.tensor(list(unseen))
-    parted = {
+    samples_by_split = {
         split: Labelled(part.inputs[chosen], part.labels[chosen])
         for split, part in samples.items()
         for chosen in [torch.isin(part.labels, out) == (split == "test")]
     }
-    return parted, nearest
+    return samples_by_split, nearest
 
 
 def packed(network: Network, samples: dict[str, Labelled]) -> Arrays:

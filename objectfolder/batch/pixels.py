@@ -247,7 +247,7 @@ def _follow(touch, place, casting: Casting, pressings: Pressings, dark):
     if line >= count:
         return
     height, width = depth.shape[1 + axis], depth.shape[2 - axis]
-    one, half, lamp_nearness = np.float32(1), np.float32(0.5), np.float32(lamp[2])
+    unity, half, lamp_nearness = np.float32(1), np.float32(0.5), np.float32(lamp[2])
     horizon, before, top = np.float32(-np.inf), np.float32(-np.inf), np.float32(0)
     row, past = ends[touch, 2 * axis], ends[touch, 2 * axis + 1]
     if way < 0:
@@ -262,24 +262,24 @@ def _follow(touch, place, casting: Casting, pressings: Pressings, dark):
         if line < -begin / spacing or line > (width - 1 - begin) / spacing:
             continue
         far = np.float32(distance)
-        inverse = one / far
+        inverse = unity / far
         column = np.float32(begin) + np.float32(spacing) * np.float32(line)
         j, pressed = min(int(column), width - 2), int(column + half)
         r = column - np.float32(j)
         if axis == 0:
-            n = (one - r) * nearness[touch, at, j] + r * nearness[touch, at, j + 1]
+            n = (unity - r) * nearness[touch, at, j] + r * nearness[touch, at, j + 1]
             away = depth[touch, at, pressed] > 0
         else:
-            n = (one - r) * nearness[touch, j, at] + r * nearness[touch, j + 1, at]
+            n = (unity - r) * nearness[touch, j, at] + r * nearness[touch, j + 1, at]
             away = depth[touch, pressed, at] > 0
         slope = (n - lamp_nearness) * inverse
         away = away and slope < before
         before = slope
         if slope < horizon:
-            penumbra = softness[0] * (one - top * inverse) + softness[1]
+            penumbra = softness[0] * (unity - top * inverse) + softness[1]
             hidden = (horizon - slope) * top / (n * n * penumbra)
             if not away:
-                dark[touch, number, at, line] = min(hidden, one)
+                dark[touch, number, at, line] = min(hidden, unity)
         elif over:  # nothing hides the lamp from here on
             return
         else:
@@ -290,8 +290,8 @@ def _darken(touch, place, casting: Casting, pressings: Pressings, dark, rgb):
     """Take from a pixel what the lines beside it are dark."""
     width = rgb.shape[2]
     i, j = place // width, place % width
-    one, zero = np.float32(1), np.float32(0)
-    red, green, blue = one, one, one
+    unity, zero = np.float32(1), np.float32(0)
+    red, green, blue = unity, unity, unity
     for number in range(casting.fans.shape[0]):
         axis, way, lamp, (tangent, step, count) = fan_of(casting, pressings, touch, number)
         at, column = (i, j) if axis == 0 else (j, i)
@@ -305,10 +305,10 @@ def _darken(touch, place, casting: Casting, pressings: Pressings, dark, rgb):
         line = max(line, zero)
         k = int(line)
         r = line - np.float32(k)
-        shade = (one - r) * dark[touch, number, at, k] + r * dark[touch, number, at, k + 1]
+        shade = (unity - r) * dark[touch, number, at, k] + r * dark[touch, number, at, k + 1]
         share = casting.shares[int(casting.fans[number, 0])]
-        red, green = red * (one - share[0] * shade), green * (one - share[1] * shade)
-        blue *= one - share[2] * shade
+        red, green = red * (unity - share[0] * shade), green * (unity - share[1] * shade)
+        blue *= unity - share[2] * shade
     half = np.float32(0.5)
     rgb[touch, i, j, 0] = np.uint8(np.float32(rgb[touch, i, j, 0]) * red + half)
     rgb[touch, i, j, 1] = np.uint8(np.float32(rgb[touch, i, j, 1]) * green + half)

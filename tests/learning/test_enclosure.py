@@ -32,9 +32,9 @@ def test_a_hollow_of_nested_balls_is_outside():
     inner.invert()
     points = random_points(20_000)
     lengths = np.linalg.norm(points, axis=1)
-    found = Columns(points).inside(trimesh.util.concatenate([outer, inner]))
-    assert found[(lengths > 0.31) & (lengths < 0.49)].all()
-    assert not found[(lengths < 0.29) | (lengths > 0.51)].any()
+    enclosed = Columns(points).inside(trimesh.util.concatenate([outer, inner]))
+    assert enclosed[(lengths > 0.31) & (lengths < 0.49)].all()
+    assert not enclosed[(lengths < 0.29) | (lengths > 0.51)].any()
 
 
 @pytest.mark.parametrize("count", [1, 3000])
