@@ -18,7 +18,8 @@ SENSE_NAMES = {"V": "sight", "A": "sound", "T": "touch"}
 METHODS = {"end_to_end": "networks trained for retrieval alone",
            "ours": "triplet and cross-entropy", "contrastive": "contrastive",
            "CCA": "ridge CCA on the same features", "CCA of averaged inputs": "ridge CCA on averaged inputs",
-           "PLS": "PLS", "classify, then look up": "classify, then look up"}  # fmt: skip
+           "PLS": "PLS", "classify, then look up": "classify, then look up",
+           "classify by neighbours too, then look up": "classify by neighbours too, look up"}  # fmt: skip
 CASES = {"seen": "seen objects", "at_vertices": "seen objects, touched at vertices",
          "unseen": "unseen objects", "end_to_end": "unseen objects of the first folds"}  # fmt: skip
 PRETRAINED = {"pretrained": "a network of ImageNet", "with_own": "that and our own",

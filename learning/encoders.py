@@ -12,7 +12,7 @@ Tasks work on its features. A protocol says what it is trained and tested on:
   ``sample`` with the first seed: only who is trained on differs.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -28,7 +28,7 @@ from learning.meshes import Meshes
 from learning.networks import PART, Labelled, Network, answers, fit_classifier
 from learning.pretrained import NAME, pretrained_features
 from learning.runs import LOGS, Objects, kept
-from learning.samples import Samples, Source, draw, regions_of
+from learning.samples import Choice, Samples, Source, draw, regions_of
 from learning.settings import Settings
 from learning.vertices import AT_VERTICES, touched_vertices
 from learning.workers import Workers
@@ -222,40 +222,53 @@ def drawn(
     objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int
 ) -> tuple[dict[str, Labelled], float]:
     """Draw the samples of all objects: inputs and labels by split, and how near test is to training."""
-    draws = {split: label_draws(objects, settings, sense, protocol, seed, split) for split in SPLITS}
+    inputs: dict[str, list[torch.Tensor]] = {split: [] for split in SPLITS}
     nearest = []
-    for test, training in zip(draws["test"], draws["training"], strict=True):
-        gaps, _ = KDTree(training.places).query(test.places)
-        nearest.append(np.median(gaps) / test.extent)
+    for samples in object_draws(objects, settings, sense, protocol, seed, SPLITS):
+        gaps, _ = KDTree(samples["training"].places).query(samples["test"].places)
+        nearest.append(np.median(gaps) / samples["test"].extent)
+        for split, part in samples.items():
+            inputs[split].append(part.inputs)
     labelled = {
         split: Labelled(
-            torch.cat([sample.inputs for sample in samples]),
-            torch.arange(len(objects)).repeat_interleave(
-                torch.tensor([len(object_samples.places) for object_samples in samples])
-            ),
+            torch.cat(parts),
+            torch.arange(len(objects)).repeat_interleave(torch.tensor([len(part) for part in parts])),
         )
-        for split, samples in draws.items()
+        for split, parts in inputs.items()
     }
     return labelled, float(np.median(nearest))
 
 
-def label_draws(
-    objects: Objects | Meshes, settings: Settings, sense: str, protocol: str, seed: int, split: str
-) -> list[Samples]:
-    """Draw the samples of a split, an entry an object."""
-    if protocol in AT_VERTICES:
-        return [touched_vertices(objects, name, settings, protocol, seed, split) for name in objects.ids]
+def object_draws(
+    objects: Objects | Meshes,
+    settings: Settings,
+    sense: str,
+    protocol: str,
+    seed: int,
+    splits: Sequence[str],
+) -> Iterator[dict[str, Samples]]:
+    """Yield the samples of each object by split, so that one file is open at a time."""
     data = settings.data
-    training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
-    count = {"training": training, "validation": data.validation, "test": data.test}[split]
-    draws = []
-    files: Mapping[str, Source] = objects.files
-    for object_id, file in files.items():
-        chosen = None
+    counts = {
+        "training": getattr(data.training, sense), "validation": data.validation, "test": data.test
+    }  # fmt: skip
+    for name in objects.ids:
+        file: Source = objects.files[name]
+        if protocol in AT_VERTICES:
+            yield touched_vertices(file, name, objects.digests[name], settings, protocol, seed, splits)
+            continue
+        regions: tuple[Choice, Choice] | None = None
         if protocol == "region":
-            regions = regions_of(file, sense, data.regions, seed_from(seed, "regions", object_id))
-            chosen = regions[split == "test"]
-        drawn_seed = seed_from(seed, f"{sense} {protocol} {split}", object_id)
-        lit = protocol != "one lamp"
-        draws.append(draw(file, sense, count, drawn_seed, resolution, chosen=chosen, lit=lit))
-    return draws
+            regions = regions_of(file, sense, data.regions, seed_from(seed, "regions", name))
+        yield {
+            split: draw(
+                file,
+                sense,
+                counts[split],
+                seed_from(seed, f"{sense} {protocol} {split}", name),
+                getattr(data.resolution, sense),
+                chosen=None if regions is None else regions[split == "test"],
+                lit=protocol != "one lamp",
+            )
+            for split in splits
+        }

@@ -54,8 +54,9 @@ def _with_votes(part: Encoded, training: Encoded, references: Floats, queries: F
 def whitening(training: Encoded) -> Floats:
     """Return a linear map (features, features) after which samples of an object have unit covariance."""
     features, labels = training.features.astype(np.float64), training.labels
-    means = np.stack([features[labels == label].mean(axis=0) for label in range(labels.max() + 1)])
-    spread = features - means[labels]
+    spread = np.empty_like(features)
+    for label in np.unique(labels):
+        spread[labels == label] = features[labels == label] - features[labels == label].mean(axis=0)
     covariance = spread.T @ spread / len(spread)
     ridge = RIDGE * np.trace(covariance) / len(covariance)
     values, vectors = np.linalg.eigh(covariance + ridge * np.eye(len(covariance)))

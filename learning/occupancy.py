@@ -37,8 +37,8 @@ OVERLAP_WEIGHT = 0.3  # of the loss by overlap, beside that by points
 FAR_POINTS, NEAR_POINTS = 100_000, 3_000_000  # in the cube, and about surfaces, of all objects together
 NEAR_SHARE = 0.75  # of the points of a step
 FEWEST_SAMPLES = 32  # of a step, several of an object where few are known
-COARSER = 4  # cells of the first look
-NEARLY_INSIDE, OUTSIDE = -6.0, -10.0  # logits
+COARSEST = 4  # cells that a cell of the first grid is wide, a power of 2
+OUTSIDE, INSIDE = -6.0, 6.0  # logits below and above which a point is surely so
 
 
 class OccupancyNetwork(nn.Module):
@@ -194,27 +194,34 @@ def _near_rows(places: Sequence[int], count: int) -> torch.Tensor:
 
 
 @torch.no_grad()
-def predicted(network: OccupancyNetwork, condition: torch.Tensor, cells: int) -> trimesh.Trimesh | None:
-    """Return the surface for the condition (inputs,) of one sample.
+def predicted(
+    network: OccupancyNetwork, conditions: torch.Tensor, cells: int
+) -> list[trimesh.Trimesh | None]:
+    """Return the surface for each of the conditions (n, inputs) of an object's samples.
 
-    The network is asked at every point of the grid only where a grid `COARSER` times wider is nearly inside,
-    as Mescheder et al. (2019) do.
+    Grids are halved from `COARSEST` times the cells on (as Mescheder et al. 2019 do), and the network is
+    asked only where a wider grid is neither surely outside nor surely inside nearby. Samples of one object
+    are asked at the same points, whose functions are computed once.
 
     Parameters
     ----------
     cells
-        A side of the grid; a multiple of `COARSER`.
+        A side of the grid; a multiple of `COARSEST`.
     """
 
     def logits(points: np.ndarray) -> np.ndarray:
         parts = torch.from_numpy(points).float().to(DEVICE).split(1 << 15)
-        conditions = condition[None].to(DEVICE)
-        return torch.cat([network(conditions, part)[0] for part in parts]).cpu().numpy()
+        values = [network(conditions.to(DEVICE), part) for part in parts]
+        return torch.cat(values, dim=1).cpu().numpy()
 
-    side = cells // COARSER + 1
-    nearly = logits(grid_points(cells // COARSER)).reshape(side, side, side) > NEARLY_INSIDE
-    nearest = (np.arange(cells + 1) + COARSER // 2) // COARSER
-    active = maximum_filter(nearly, size=3)[np.ix_(nearest, nearest, nearest)]
-    values = np.full(active.shape, OUTSIDE, dtype=np.float32)
-    values[active] = logits(grid_points(cells)[active.ravel()])
-    return surface_of(values, cells)
+    side = cells // COARSEST
+    values = logits(grid_points(side)).reshape(-1, *3 * [side + 1])
+    while side < cells:
+        unsure = maximum_filter((values > OUTSIDE).any(axis=0), size=3)
+        unsure &= maximum_filter((values < INSIDE).any(axis=0), size=3)
+        side *= 2
+        nearest = np.ix_(*3 * [(np.arange(side + 1) + 1) // 2])
+        asked = unsure[nearest]
+        values = np.stack([own[nearest] for own in values])
+        values[:, asked] = logits(grid_points(side, asked))
+    return [surface_of(own, cells) for own in values]

@@ -15,7 +15,7 @@ from PIL import Image
 from scipy.io import wavfile
 
 from learning.common_space import both_ways, fit_common_space
-from learning.encoders import encoded, label_draws
+from learning.encoders import encoded, object_draws
 from learning.grasping.clips import FOLDER, clips_in
 from learning.recognition import COMBINATIONS, LETTERS, name_of
 from learning.reconstruction import trials
@@ -108,7 +108,12 @@ def _retrieved(objects: Objects, settings: Settings) -> Iterator[tuple[str, Item
     """Yield queries of the first seed's test with the nearest items of the other sense."""
     seed, count = settings.seeds[0], settings.data.test
     encoders = {sense: encoded(objects, settings, sense, "sample", seed) for sense in SENSES}
-    draws = {sense: label_draws(objects, settings, sense, "sample", seed, "test") for sense in SENSES}
+    draws = {
+        sense: [
+            samples["test"] for samples in object_draws(objects, settings, sense, "sample", seed, ("test",))
+        ]
+        for sense in SENSES
+    }
 
     def item(sense: str, row: int, query_label: int) -> Item:
         label, number = divmod(row, count)
@@ -136,7 +141,7 @@ def _shapes(objects: Objects, settings: Settings) -> Iterator[tuple[str, str, st
     """Yield object, its shape and the one predicted from image and sound, as pictures."""
     for trial in trials(objects, settings):
         if len(trial.senses) == 2 and (trial.unseen or trial.seed == settings.seeds[0]):
-            for label in trial.tested:
+            for label in trial.shown:
                 object_id = objects.ids[label]
                 protocol = "unseen" if trial.unseen else "seen"
                 predicted = trial.mesh(label)

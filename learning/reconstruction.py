@@ -28,7 +28,8 @@ from learning.shapes import Likeness, likeness, overlap, volume_points
 from learning.workers import Workers
 
 VARIANTS = (("vision",), ("audio",), ("vision", "audio"))
-OTHERS = 10  # meshes that the average takes of other objects
+OTHERS = 2  # meshes of other objects that the average takes for each
+SHOWN = 12  # objects of a trial whose predicted mesh is kept, for the page
 RIDGE = 1e-2
 
 
@@ -104,7 +105,7 @@ class Trial:
 
     @cached_property
     def predictions(self) -> dict[str, np.ndarray]:
-        """Likenesses (tests, 3), and of each tested object the first predicted mesh, by its position."""
+        """Likenesses (tests, 3), and the first predicted mesh of each object of `shown`, by its position."""
         settings = self.settings
         key = {
             "unit": "reconstruction", "senses": self.senses, "known": self.known, "tested": self.tested,
@@ -124,14 +125,22 @@ class Trial:
         arrays: dict[str, np.ndarray] = {}
         for label in self.tested:
             rows = np.flatnonzero(labels.numpy() == label)[: parameters.tests]
-            meshes = [predicted(network, conditions[row], parameters.grid) for row in rows]
+            meshes = predicted(network, conditions[rows], parameters.grid)
             likenesses += [astuple(self.measures.of(mesh, label)) for mesh in meshes]
-            if meshes[0] is not None:
-                arrays |= {f"{label}/vertices": meshes[0].vertices, f"{label}/faces": meshes[0].faces}
+            first = meshes[0]
+            if label in self.shown and first is not None:
+                # Of 256 cells a mesh has some 20 MB as doubles.
+                arrays[f"{label}/vertices"] = first.vertices.astype(np.float32)
+                arrays[f"{label}/faces"] = first.faces.astype(np.int32)
         return {"likeness": np.array(likenesses), **arrays}
 
+    @property
+    def shown(self) -> tuple[int, ...]:
+        """Positions of the objects whose predicted mesh is kept."""
+        return self.tested[:SHOWN]
+
     def mesh(self, label: int) -> trimesh.Trimesh | None:
-        """Return the first mesh that was predicted of an object; None if it was empty."""
+        """Return the first mesh that was predicted of an object of `shown`; None if it was empty."""
         if f"{label}/faces" not in self.predictions:
             return None
         vertices, faces = (self.predictions[f"{label}/{name}"] for name in ("vertices", "faces"))
@@ -242,10 +251,12 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         [workers.submit(_predict_trial, objects, settings, number) for number in range(len(tried))]
     )
     measures, closed = tried[0].measures, tried[0].known
+    random = np.random.default_rng(settings.seeds[0])
     pairs = [
-        (answer, label)
+        (int(answer), label)
         for label in closed
-        for answer in [candidate for candidate in closed if candidate != label][:OTHERS]
+        for others in [[candidate for candidate in closed if candidate != label]]
+        for answer in random.permutation(others)[:OTHERS]
     ]
     result: dict[str, Any] = {
         "left_out_open": [name for label, name in enumerate(objects.ids) if label not in closed],

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.special import softmax
 from torch.nn.functional import normalize
 
 from learning.common_space import PAIRINGS, SPACES, Pair, both_ways, fit_common_space
@@ -29,6 +30,7 @@ from learning.metrics import (
     one_positive_galleries,
     share_interval,
 )
+from learning.neighbours import with_neighbours
 from learning.recognition import LETTERS, aligned
 from learning.runs import Objects
 from learning.samples import SENSES
@@ -132,9 +134,17 @@ def similarities(
         "CCA": _correlated(splits, parameters, seed),
         "CCA of averaged inputs": _correlated(averaged, parameters, seed),
         "PLS": _projected(partial_least_squares(*joined, parameters.dimensions), test),
-        "classify, then look up": np.exp(test[0].log_probabilities.astype(np.float64))
-        @ np.exp(test[1].log_probabilities.astype(np.float64)).T,
+        "classify, then look up": _looked_up(test),
+        "classify by neighbours too, then look up": _looked_up(
+            tuple(with_neighbours(encoder).splits["test"] for encoder in pair)
+        ),
     }
+
+
+def _looked_up(test: Sequence[Encoded]) -> Floats:
+    """Return how likely two samples (first, second) are of one object, by what each is taken for."""
+    first, second = (softmax(encoding.log_probabilities.astype(np.float64), axis=1) for encoding in test)
+    return np.asarray(first @ second.T)
 
 
 def _averaged(encoding: Encoded) -> Encoded:

@@ -4,8 +4,9 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,27 @@ LOGS = RUNS / "logs"  # for TensorBoard
 FEWEST = 4  # two to train on, two that are unseen
 
 
+class ObjectFiles(Mapping[str, ObjectFile]):
+    """Object Files by id, each opened where it is asked for and kept by whoever asked.
+
+    An open file of a known material keeps 30 to 60 MB of what it decodes: a hundred would fill a memory.
+    """
+
+    def __init__(self, paths: Mapping[str, Path]) -> None:
+        self._paths = paths
+
+    def __getitem__(self, object_id: str) -> ObjectFile:
+        return load(self._paths[object_id])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+
 class Objects:
-    """The Object Files of a data set, opened when they are asked for.
+    """The objects of a data set that sound.
 
     Parameters
     ----------
@@ -46,15 +66,15 @@ class Objects:
         for object_id in settings.data.objects:
             if object_id not in paths:
                 raise InputError(str(folder), f"no object {object_id!r}", "Make it, or name others")
-        files = {name: load(paths[name]) for name in settings.data.objects or paths}
-        sounding = [(name, file) for name, file in files.items() if len(file.modes.frequencies_hz)]
-        self.files: dict[str, ObjectFile] = dict(sounding[:most])
-        if len(self.files) < FEWEST:
-            finding = f"{len(self.files)} objects with a sound, fewer than {FEWEST}"
+        names = settings.data.objects or paths
+        sounding = (name for name in names if len(load(paths[name]).modes.frequencies_hz))
+        self.ids = tuple(islice(sounding, most))
+        if len(self.ids) < FEWEST:
+            finding = f"{len(self.ids)} objects with a sound, fewer than {FEWEST}"
             raise InputError(str(folder), finding, "`make dataset` makes six")
-        self.paths = {name: paths[name] for name in self.files}
+        self.paths = {name: paths[name] for name in self.ids}
+        self.files = ObjectFiles(self.paths)
         self.digests = {name: digest(path) for name, path in self.paths.items()}
-        self.ids = tuple(self.files)
 
         self._arguments = settings, most
 
@@ -62,13 +82,13 @@ class Objects:
         return len(self.ids)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Workers open the files themselves, once for all units.
+        # Workers read the data set themselves, once for all units.
         return opened, self._arguments
 
 
 @cache
 def opened(settings: Settings, most: int | None) -> Objects:
-    """Return the Object Files of a data set, opened once in this process."""
+    """Return the objects of a data set, looked for once in this process."""
     return Objects(settings, most)
 
 

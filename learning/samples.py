@@ -4,7 +4,7 @@ Places are where a query asks: the direction of a camera, or the point of a cont
 out whole regions of them, so that no test query has a neighbour among the training ones.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -216,10 +216,18 @@ def _touches(file: Source, places: Floats, depths_m: Floats, resolution: int) ->
     return torch.cat([pictures(_from_bytes(part), resolution).half() for part in images])
 
 
-def stored(dataset: ObjectFolderDataset, count: int, seed: int, resolution: int) -> torch.Tensor:
-    """Return inputs of `count` queries of one object's data set; truth and Object File get the same."""
+def stored(
+    dataset: ObjectFolderDataset, count: int, seed: int, resolutions: Sequence[int]
+) -> list[torch.Tensor]:
+    """Return inputs of `count` queries of one object's data set, by each of several resolutions.
+
+    Truth and Object File get the same queries. Touches are half floats, as those of `Samples`.
+    """
     rows = np.random.default_rng(seed).permutation(len(dataset))[:count]
     samples = dataset.__getitems__(rows.tolist())
     if dataset.sense == "audio":
-        return spectrograms(np.stack([sample["sound"].numpy() for sample in samples]), resolution)
-    return pictures(torch.stack([sample["image"] for sample in samples]), resolution)
+        sounds = np.stack([sample["sound"].numpy() for sample in samples])
+        return [spectrograms(sounds, resolution) for resolution in resolutions]
+    images = torch.stack([sample["image"] for sample in samples])
+    sized = [pictures(images, resolution) for resolution in resolutions]
+    return [image.half() for image in sized] if dataset.sense == "touch" else sized

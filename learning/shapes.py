@@ -96,10 +96,11 @@ def likeness(
     return Likeness(iou, float(chamfer), float(np.mean(same)))
 
 
-def grid_points(cells: int) -> Floats:
-    """Return the corners (n, 3) of a grid of cells over the cube."""
+def grid_points(cells: int, mask: NDArray[np.bool_] | None = None) -> Floats:
+    """Return corners (n, 3) of a grid of cells over the cube: all, or those of a mask (cells + 1, ...)."""
     line = np.linspace(-HALF_SIDE, HALF_SIDE, cells + 1)
-    return np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+    corners = np.ones(3 * [cells + 1], dtype=bool) if mask is None else mask
+    return line[np.argwhere(corners)]
 
 
 def surface_of(logits: NDArray[np.float32], cells: int) -> trimesh.Trimesh | None:

@@ -18,11 +18,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from learning.common_space import both_ways, fit_common_space
+from learning.common_space import Pair, both_ways, fit_common_space
 from learning.encoders import Arrays, Encoded, packed
 from learning.metrics import interval_over_objects, mean_average_precision, means_by_object, share_interval
 from learning.networks import Labelled, answers, fit_classifier
-from learning.recognition import LETTERS
+from learning.recognition import LETTERS, name_of
 from learning.runs import Objects, kept
 from learning.samples import SENSES, stored
 from learning.settings import Settings
@@ -34,76 +34,87 @@ SPLITS = ("training", "validation", "test")
 FITTED = ("audio",)  # senses that an Object File fits to its training queries, where a material is known
 
 
-def drawn(objects: Objects, settings: Settings, sense: str, seed: int) -> dict[str, dict[str, Labelled]]:
-    """Return samples by source and split; a row of one source is the same query as that of the other."""
-    result: dict[str, dict[str, Labelled]] = {}
+def drawn(
+    objects: Objects, settings: Settings, sense: str, seed: int, resolutions: Sequence[int]
+) -> list[dict[str, dict[str, Labelled]]]:
+    """Return samples by resolution, source and split; a row of either source is the same query."""
+    result: list[dict[str, dict[str, Labelled]]] = [{} for _ in resolutions]
     for source in SOURCES:
-        inputs_of_objects = [_inputs(objects, settings, sense, source, name, seed) for name in objects.ids]
-        result[source] = {
-            split: Labelled(
-                torch.cat(inputs),
-                torch.cat([torch.full((len(rows),), label) for label, rows in enumerate(inputs)]),
-            )
-            for split, inputs in zip(SPLITS, zip(*inputs_of_objects, strict=True), strict=True)
-        }
+        inputs_of_objects = [
+            _inputs(objects, settings, sense, source, name, seed, resolutions) for name in objects.ids
+        ]
+        for samples, inputs_by_split in zip(result, zip(*inputs_of_objects, strict=True), strict=True):
+            samples[source] = {
+                split: Labelled(
+                    torch.cat(inputs),
+                    torch.cat([torch.full((len(rows),), label) for label, rows in enumerate(inputs)]),
+                )
+                for split, inputs in zip(SPLITS, zip(*inputs_by_split, strict=True), strict=True)
+            }
     return result
 
 
 def _inputs(
-    objects: Objects, settings: Settings, sense: str, source: str, object_id: str, seed: int
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return an object's inputs of each of `SPLITS`."""
+    objects: Objects,
+    settings: Settings,
+    sense: str,
+    source: str,
+    object_id: str,
+    seed: int,
+    resolutions: Sequence[int],
+) -> list[tuple[torch.Tensor, ...]]:
+    """Return an object's inputs by resolution, of each of `SPLITS`."""
     data = settings.data
-    training, resolution = getattr(data.training, sense), getattr(data.resolution, sense)
+    training = getattr(data.training, sense)
 
-    def first(part: str, count: int) -> torch.Tensor:
+    def first(part: str, count: int) -> list[torch.Tensor]:
         dataset = ObjectFolderDataset(objects.root, sense, part, source, objects=[object_id])
-        return stored(dataset, count, seed, resolution)
+        return stored(dataset, count, seed, resolutions)
 
     count = training + data.validation
     if sense in FITTED:
         held_out = first("held_out", data.test + count)
-        test, others = held_out[: data.test], held_out[data.test :]
+        pairs = [(inputs[: data.test], inputs[data.test :]) for inputs in held_out]
     else:
-        test, others = first("held_out", data.test), first("training", count)
+        pairs = list(zip(first("held_out", data.test), first("training", count), strict=True))
     # A data set may hold fewer views or touches than are asked for.
-    learnt = len(others) * training // count
-    return others[:learnt], others[learnt:], test
+    learnt = len(pairs[0][1]) * training // count
+    return [(others[:learnt], others[learnt:], test) for test, others in pairs]
 
 
 def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays:
     """Train on truth and on Object Files, answer both; and train a detector of truth."""
-    samples = drawn(objects, settings, sense, seed)
-    arrays: Arrays = {}
+    parameters = settings.encoder
+    resolutions = [
+        getattr(sides, sense) for sides in (settings.data.resolution, settings.stand_in.detector_resolution)
+    ]
+    samples, finer = drawn(objects, settings, sense, seed, resolutions)
+    by_source = {split: _told_apart([finer[source][split] for source in SOURCES]) for split in SPLITS}
+    del finer  # gigabytes of a hundred objects
+    detector = fit_classifier(by_source["training"], by_source["validation"], 2, parameters, seed)
+    arrays: Arrays = {"detector": answers(detector, by_source["test"].inputs)[1][:, 0].numpy()}
+    del by_source
     for trained in SOURCES:
         own = samples[trained]
-        network = fit_classifier(own["training"], own["validation"], len(objects), settings.encoder, seed)
+        network = fit_classifier(own["training"], own["validation"], len(objects), parameters, seed)
         for tested in SOURCES:
             encodings = packed(network, samples[tested])
             arrays |= {f"{trained}/{tested}/{name}": values for name, values in encodings.items()}
         for share in settings.stand_in.training_shares:
             training = first_of_each(own["training"], share)
-            longer = {"epochs": round(settings.encoder.epochs / share)}
-            parameters = settings.encoder.model_copy(update=longer)
             network = fit_classifier(training, own["validation"], len(objects), parameters, seed)
             arrays[f"{share}/{trained}"] = answers(network, samples["truth"]["test"].inputs)[1].numpy()
-    samples = drawn(objects, _for_detector(settings), sense, seed)
-    by_source = {split: _told_apart([samples[source][split] for source in SOURCES]) for split in SPLITS}
-    detector = fit_classifier(by_source["training"], by_source["validation"], 2, settings.encoder, seed)
-    arrays["detector"] = answers(detector, by_source["test"].inputs)[1][:, 0].numpy()
     return arrays
 
 
 def first_of_each(part: Labelled, share: float) -> Labelled:
-    """Return the first samples of each object, a share of them and one at least."""
-    rows = [torch.nonzero(part.labels == label)[:, 0] for label in part.labels.unique()]
-    first = torch.cat([indices[: max(1, round(share * len(indices)))] for indices in rows])
-    return Labelled(part.inputs[first], part.labels[first])
-
-
-def _for_detector(settings: Settings) -> Settings:
-    """Return the same settings with the detector's pixels: means of several hide what differs."""
-    return settings.with_resolution(**settings.stand_in.detector_resolution.model_dump())
+    """Return the first samples of each object, a share of them and one at least, as often as all would be."""
+    rows = []
+    for label in part.labels.unique():
+        own = torch.nonzero(part.labels == label)[:, 0]
+        rows.append(own[torch.arange(len(own)) % max(1, round(share * len(own)))])
+    chosen = torch.cat(rows)
+    return Labelled(part.inputs[chosen], part.labels[chosen])
 
 
 def _told_apart(sources: list[Labelled]) -> Labelled:
@@ -117,23 +128,28 @@ def _encoded(arrays: Arrays, trained: str, tested: str, split: str) -> Encoded:
 
 
 def _retrieved(
-    pair: tuple[Arrays, Arrays], trained: str, tested: str, classes: int, settings: Settings, seed: int
-) -> float:
-    """Return the mAP, both directions, of heads trained on one source and tested on another."""
-    training, validation = (
-        (_encoded(pair[0], trained, trained, split), _encoded(pair[1], trained, trained, split))
-        for split in ("training", "validation")
-    )
-    space = fit_common_space(training, validation, classes, settings.retrieval, seed)
-    test = _encoded(pair[0], trained, tested, "test"), _encoded(pair[1], trained, tested, "test")
-    return float(
-        np.mean(
-            [
-                mean_average_precision(similarity, queries.labels, gallery.labels, seed)
-                for similarity, queries, gallery in both_ways(space, test)
-            ]
+    objects: Objects, settings: Settings, senses: tuple[str, str], trained: str, seed: int
+) -> dict[str, float]:
+    """Return by the tested source the mAP, both directions, of heads trained on one source."""
+    arrays = [_kept(objects, settings, sense, seed) for sense in senses]
+
+    def pair(tested: str, split: str) -> Pair:
+        first, second = (_encoded(own, trained, tested, split) for own in arrays)
+        return first, second
+
+    learnt = pair(trained, "training"), pair(trained, "validation")
+    space = fit_common_space(*learnt, len(objects), settings.retrieval, seed)
+    return {
+        tested: float(
+            np.mean(
+                [
+                    mean_average_precision(similarity, queries.labels, gallery.labels, seed)
+                    for similarity, queries, gallery in both_ways(space, pair(tested, "test"))
+                ]
+            )
         )
-    )
+        for tested in SOURCES
+    }
 
 
 def detected(logs: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -167,18 +183,22 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     units = [(sense, seed) for sense in SENSES for seed in settings.seeds]
     workers.gather([workers.submit(_trained, objects, settings, *unit) for unit in units])
     arrays = {unit: _kept(objects, settings, *unit) for unit in units}
-    ways = [(trained, tested) for trained in SOURCES for tested in SOURCES]
 
     def recognised(sense: str, trained: str, tested: str) -> float:
         encodings = [_encoded(arrays[sense, seed], trained, tested, "test") for seed in settings.seeds]
         return 100 * float(np.mean([_accuracy(encoding) for encoding in encodings]))
 
-    def retrieved(first: str, second: str, trained: str, tested: str) -> float:
-        pairs = [((arrays[first, seed], arrays[second, seed]), seed) for seed in settings.seeds]
-        classes = len(objects)
-        precisions = [_retrieved(pair, trained, tested, classes, settings, seed) for pair, seed in pairs]
-        return float(np.mean(precisions))
+    cases = [(pair, trained) for pair in combinations(SENSES, 2) for trained in SOURCES]
+    submissions = {
+        case: [workers.submit(_retrieved, objects, settings, *case, seed) for seed in settings.seeds]
+        for case in cases
+    }
+    precisions = {case: workers.gather(futures) for case, futures in submissions.items()}
 
+    def retrieved(pair: tuple[str, str], trained: str, tested: str) -> float:
+        return float(np.mean([by_tested[tested] for by_tested in precisions[pair, trained]]))
+
+    ways = [(trained, tested) for trained in SOURCES for tested in SOURCES]
     return {
         "recognition": {
             LETTERS[sense]: {f"{a} to {b}": recognised(sense, a, b) for a, b in ways} for sense in SENSES
@@ -195,8 +215,8 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
             for sense in SENSES
         },
         "retrieval": {
-            LETTERS[first] + LETTERS[second]: {f"{a} to {b}": retrieved(first, second, a, b) for a, b in ways}
-            for first, second in combinations(SENSES, 2)
+            name_of(pair): {f"{a} to {b}": retrieved(pair, a, b) for a, b in ways}
+            for pair in combinations(SENSES, 2)
         },
         "detector": {
             LETTERS[sense]: _detector([arrays[sense, seed] for seed in settings.seeds]) for sense in SENSES

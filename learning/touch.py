@@ -63,7 +63,8 @@ def _hindrance(meshes: Meshes, settings: Settings, name: str) -> str | None:
     try:
         for protocol in PROTOCOLS:
             for seed in settings.seeds:
-                touched_vertices(meshes, name, settings, protocol, seed, "test")
+                file, digest = meshes.files[name], meshes.digests[name]
+                touched_vertices(file, name, digest, settings, protocol, seed, ("test",))
     except InputError as error:
         return error.finding
     return None

@@ -1,13 +1,13 @@
 """Touches as ObjectFolder 1.0 has them: at vertices of the surface, along their normals, all as deep."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from learning.meshes import Meshes
-from learning.runs import Objects, kept
+from learning.runs import kept
 from learning.samples import Floats, Samples, Source, pressed, reachable_vertices, regions_of
 from learning.settings import Settings
 from objectfolder.errors import InputError
@@ -20,14 +20,22 @@ Mask = NDArray[np.bool_]
 
 
 def touched_vertices(
-    objects: Objects | Meshes, name: str, settings: Settings, protocol: str, seed: int, split: str
-) -> Samples:
-    """Press at an object's vertices of a split.
+    file: Source,
+    name: str,
+    file_digest: str,
+    settings: Settings,
+    protocol: str,
+    seed: int,
+    splits: Sequence[str],
+) -> dict[str, Samples]:
+    """Press at an object's vertices of several splits.
 
     Touches of meshes are kept, so that a run of a hundred that was stopped goes on with the next of them.
 
     Parameters
     ----------
+    file_digest
+        Of the object's file.
     protocol
         ``"vertex"``: test vertices are any; ``"vertex region"``: they lie in regions without another split.
 
@@ -36,20 +44,27 @@ def touched_vertices(
     InputError
         No vertices are left to train on, or none to test on.
     """
-    file: Source = objects.files[name]
     depth_m, pixels = settings.touch_at_vertices.depth_m, settings.data.resolution.touch
     if isinstance(file, ObjectFile):
         places, held_out = _vertices(file, name, settings, seed)
-        return pressed(file, places[_rows(held_out, name, settings, protocol, split)], depth_m, pixels)
+        rows_by_split = _rows(held_out, name, settings, protocol)
+        return {split: pressed(file, places[rows_by_split[split]], depth_m, pixels) for split in splits}
     key = {
-        "unit": "touches", "object": name, "file": objects.digests[name], "seed": seed,
+        "unit": "touches", "object": name, "file": file_digest, "seed": seed,
         "count": _count(settings), "regions": settings.data.regions, "depth_m": depth_m, "pixels": pixels,
         "sensor": settings.touch_at_vertices.sensor,
     }  # fmt: skip
     stored = kept(__name__, key, lambda: _all_touches(file, name, settings, seed))
-    rows = _rows(stored["held_out"], name, settings, protocol, split)
-    inputs = torch.from_numpy(stored["inputs"][rows])
-    return Samples(inputs, stored["places"][rows], stored["queries"][rows], float(stored["extent"]))
+    rows_by_split = _rows(stored["held_out"], name, settings, protocol)
+    return {
+        split: Samples(
+            torch.from_numpy(stored["inputs"][rows_by_split[split]]),
+            stored["places"][rows_by_split[split]],
+            stored["queries"][rows_by_split[split]],
+            float(stored["extent"]),
+        )
+        for split in splits
+    }
 
 
 def _count(settings: Settings) -> int:
@@ -77,8 +92,8 @@ def _all_touches(file: Source, name: str, settings: Settings, seed: int) -> dict
     }  # fmt: skip
 
 
-def _rows(held_out: Mask, name: str, settings: Settings, protocol: str, split: str) -> NDArray[np.int64]:
-    """Return the rows of a split: those of test come first, then those of validation, others train."""
+def _rows(held_out: Mask, name: str, settings: Settings, protocol: str) -> dict[str, NDArray[np.int64]]:
+    """Return the rows of each split: those of test come first, then those of validation, others train."""
     data, rows = settings.data, np.arange(len(held_out))
     tested = rows if protocol == "vertex" else rows[held_out]
     test = tested[: data.test]
@@ -88,4 +103,4 @@ def _rows(held_out: Mask, name: str, settings: Settings, protocol: str, split: s
         finding = f"{len(tested)} of {len(rows)} vertices lie in held-out regions"
         needed = f"{data.test} there and {data.validation + 1} elsewhere are needed"
         raise InputError(name, f"{finding}: {needed}", REMEDY)
-    return {"test": test, "validation": others[: data.validation], "training": training}[split]
+    return {"test": test, "validation": others[: data.validation], "training": training}

@@ -40,6 +40,6 @@ def test_the_first_fold_holds_the_test_objects_of_the_data_set(tiny, monkeypatch
     assert all(any(set(group) <= set(part) for part in parts) for group in groups)
     assert len(parts) == tiny.folds
     # A fold ends with the group that fills it.
-    assert all(10 <= len(part) <= 31 for part in parts)
+    assert all(abs(len(part) - 97 / tiny.folds) < 12 for part in parts)
     tested = {group[0] for group in groups if object_split(ids[group[0]], "ceramic") == "test"}
     assert tested <= set(parts[0])

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from learning import encoders, reconstruction, stand_in
-from learning.encoders import Encoded, Encoder, label_draws
+from learning.encoders import SPLITS, Encoded, Encoder, object_draws
 from learning.folds import folds_of
 from learning.grasping import stability
 from learning.networks import Labelled
@@ -35,16 +35,19 @@ def rows_of(array):
     return {row.tobytes() for row in np.ascontiguousarray(array)}
 
 
+def splits_of(objects, settings, sense, protocol):
+    """The samples of each split, an entry an object."""
+    draws = list(object_draws(objects, settings, sense, protocol, 0, SPLITS))
+    return [[samples[split] for samples in draws] for split in SPLITS]
+
+
 @pytest.mark.parametrize("protocol", AT_VERTICES)
 def test_no_vertex_of_a_split_is_in_another(tiny, protocol):
     if protocol == "vertex region":  # which wants vertices in every region
         at_vertices = tiny.touch_at_vertices.model_copy(update={"training": 150})
         tiny = tiny.model_copy(update={"touch_at_vertices": at_vertices})
     objects = Objects(tiny)
-    splits = [
-        label_draws(objects, tiny, "touch", protocol, 0, split)
-        for split in ("training", "validation", "test")
-    ]
+    splits = splits_of(objects, tiny, "touch", protocol)
     counts = tiny.touch_at_vertices.training, tiny.data.validation, tiny.data.test
     for samples, count in zip(splits, counts, strict=True):
         for file, one in zip(objects.files.values(), samples, strict=True):
@@ -64,16 +67,13 @@ def test_no_vertex_of_a_split_is_in_another(tiny, protocol):
 def test_an_object_without_vertices_to_train_on_is_an_error(tiny):
     many = tiny.model_copy(update={"data": tiny.data.model_copy(update={"test": 10_000})})
     with pytest.raises(InputError, match=r"a: \d+ vertices can be pressed, 10005 are needed"):
-        label_draws(Objects(tiny), many, "touch", "vertex", 0, "training")
+        list(object_draws(Objects(tiny), many, "touch", "vertex", 0, ("training",)))
 
 
 @pytest.mark.parametrize("sense", SENSES)
 def test_no_sample_of_a_split_is_in_another(objects, tiny, sense):
     for protocol in ("sample", "region"):
-        splits = [
-            label_draws(objects, tiny, sense, protocol, 0, split)
-            for split in ("training", "validation", "test")
-        ]
+        splits = splits_of(objects, tiny, sense, protocol)
         for first, second in combinations(splits, 2):
             for one, other in zip(first, second, strict=True):
                 assert not rows_of(one.places) & rows_of(other.places)
@@ -92,7 +92,7 @@ def _with_truth(small_file, tiny, root, kind):
 
 def test_the_stand_in_is_tested_on_held_out_queries(small_file, tiny, tmp_path):
     settings = _with_truth(small_file, tiny, tmp_path, "views")
-    for splits in stand_in.drawn(Objects(settings), settings, "vision", 0).values():
+    for splits in stand_in.drawn(Objects(settings), settings, "vision", 0, [16])[0].values():
         learnt = rows_of(splits["training"].inputs) | rows_of(splits["validation"].inputs)
         assert learnt
         assert not rows_of(splits["test"].inputs) & learnt
@@ -101,7 +101,7 @@ def test_the_stand_in_is_tested_on_held_out_queries(small_file, tiny, tmp_path):
 def test_the_stand_in_hears_no_strike_that_its_sound_was_fitted_to(small_file, tiny, tmp_path):
     settings = _with_truth(small_file, tiny, tmp_path, "modes")
     objects = Objects(settings)
-    samples = stand_in.drawn(objects, settings, "audio", 0)
+    (samples,) = stand_in.drawn(objects, settings, "audio", 0, [settings.data.resolution.audio])
     data = settings.data
     sizes = {"training": data.training.audio, "validation": data.validation, "test": data.test}
     for splits in samples.values():
@@ -111,7 +111,7 @@ def test_the_stand_in_hears_no_strike_that_its_sound_was_fitted_to(small_file, t
         for first, second in combinations(splits.values(), 2):
             assert not rows_of(first.inputs) & rows_of(second.inputs)
     fitted = ObjectFolderDataset(tmp_path, "audio", "training", "truth", objects=["a"])
-    everything = rows_of(stored(fitted, len(fitted), 0, data.resolution.audio))
+    everything = rows_of(stored(fitted, len(fitted), 0, [data.resolution.audio])[0])
     for part in samples["truth"].values():
         assert not rows_of(part.inputs) & everything
 

@@ -52,7 +52,7 @@ def trained(balls):
 
 @pytest.mark.parametrize("label", [0, 2])
 def test_conditions_say_how_large_a_ball_is(trained, label):
-    mesh = predicted(trained, torch.eye(4)[label], cells=32)
+    (mesh,) = predicted(trained, torch.eye(4)[[label]], cells=32)
     points = volume_points(1)
     ball = np.linalg.norm(points, axis=1) < RADII[label]
     assert overlap(inside(mesh, points), ball) > 0.93

@@ -58,7 +58,7 @@ def test_truth_and_object_file_answer_the_same_queries(small_file, tmp_path):
         source = small_file.parent / ("views.zarr.zip" if kind == "views" else small_file.name)
         (tmp_path / "data" / kind / name).symlink_to(source)
     truth, answer = (
-        stored(ObjectFolderDataset(tmp_path, "vision", "training", source), 4, 7, 16)
+        stored(ObjectFolderDataset(tmp_path, "vision", "training", source), 4, 7, [16])[0]
         for source in ("truth", "object_file")
     )
     matched = (truth - answer).square().mean(dim=(1, 2, 3))

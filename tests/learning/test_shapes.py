@@ -80,7 +80,7 @@ class Bowl(torch.nn.Module):
 
 def test_a_thin_wall_is_found_by_asking_few_points():
     bowl = Bowl()
-    found = predicted(bowl, torch.zeros(1), cells=128)
+    found = predicted(bowl, torch.zeros(1, 1), cells=128)[0]
     everywhere = grid_points(128)
     dense = surface_of(bowl(None, torch.from_numpy(everywhere))[0].numpy(), 128)
     assert found.is_watertight
