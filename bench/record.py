@@ -161,7 +161,7 @@ def save(figure: "Figure", name: str) -> None:
     pyplot.close(figure)
 
 
-def kept(path: Path, measure: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+def measure_once(path: Path, measure: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
     """Return what `measure` finds, or what it found before and is kept as JSON in a file; delete that to
     measure again."""
     if not path.exists():
@@ -169,8 +169,8 @@ def kept(path: Path, measure: Callable[[], Mapping[str, Any]]) -> dict[str, Any]
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(row, default=_plain), encoding="utf-8")
         print(path.stem, "measured", flush=True)
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    measurement: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return measurement
 
 
 def rows_of(
@@ -179,7 +179,7 @@ def rows_of(
     """Return the row of each case by name, measured or kept in a folder, and print its numbers."""
     rows = {}
     for name in names:
-        rows[name] = kept(folder / f"{name}.json", partial(measure, name))
+        rows[name] = measure_once(folder / f"{name}.json", partial(measure, name))
         numbers = {key: value for key, value in rows[name].items() if isinstance(value, int | float)}
         print(name, " ".join(f"{key} {value:.4g}" for key, value in numbers.items()), flush=True)
     return rows
@@ -217,20 +217,20 @@ class Stopwatch:
 
 def versions() -> dict[str, Any]:
     """Return the versions of python, packages and project that decide the figures; None for one absent."""
-    found: dict[str, Any] = {"python": platform.python_version()}
+    environment: dict[str, Any] = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            environment[package] = version(package)
         except PackageNotFoundError:
-            found[package] = None
-    found["processor"] = _processor()
-    found["threads"] = os.environ.get("OMP_NUM_THREADS", "all")
-    found["commit"] = _git("rev-parse", "HEAD")
+            environment[package] = None
+    environment["processor"] = _processor()
+    environment["threads"] = os.environ.get("OMP_NUM_THREADS", "all")
+    environment["commit"] = _git("rev-parse", "HEAD")
     status = _git(
         "status", "--porcelain", "--untracked-files=no", "--", "objectfolder", "pipeline", "bench/*.py"
     )
-    found["uncommitted_changes"] = None if status is None else bool(status)
-    return found
+    environment["uncommitted_changes"] = None if status is None else bool(status)
+    return environment
 
 
 def _processor() -> str:
@@ -259,5 +259,5 @@ def _plain(value: Any) -> Any:
 
 
 if __name__ == "__main__":
-    for drawn in sys.argv[1:] or pictures():
-        redraw(drawn)
+    for picture in sys.argv[1:] or pictures():
+        redraw(picture)

@@ -31,7 +31,7 @@ CHANGED = (1, 100, 0)  # objects; 0 for all
 KINDS = [kind for stage in STAGES.values() for kind in stage.products]
 
 
-class Made:
+class VersionedProducts:
     """Products of many objects in the cache of a repository, a version after the other.
 
     Parameters
@@ -154,20 +154,20 @@ class Template:
             name: prints.get(name, said) if isinstance(said, str) else said
             for name, said in parts["inputs"].items()
         }
-        found = fingerprint(parts)
+        fingerprint_now = fingerprint(parts)
         provenance = {**parts, "tolerances": self._parts.get("tolerances", {})}
-        said = {**self._attributes, "fingerprint": found, "provenance": provenance}
+        said = {**self._attributes, "fingerprint": fingerprint_now, "provenance": provenance}
         if isinstance(said.get("vision"), dict) and "psnr_db" in said["vision"]:
             said["vision"] = {**said["vision"], "psnr_db": said["vision"]["psnr_db"] - seed}
         if self._kind.suffix == TENSORS:
-            return to_bytes(TensorFile(self._tensors, said)), found
+            return to_bytes(TensorFile(self._tensors, said)), fingerprint_now
         with tempfile.SpooledTemporaryFile(max_size=1 << 24) as file:
             file.write(self._archive)
             with zipfile.ZipFile(file, "a", zipfile.ZIP_STORED) as archive:
                 text = json.dumps({"attributes": said, "zarr_format": 3, "node_type": "group"})
                 archive.writestr(zipfile.ZipInfo("zarr.json"), text)
             file.seek(0)
-            return file.read(), found
+            return file.read(), fingerprint_now
 
 
 def audited(root: Path, *arguments: str) -> tuple[float, dict[str, int]]:
@@ -183,26 +183,26 @@ def audited(root: Path, *arguments: str) -> tuple[float, dict[str, int]]:
     seconds = cpu_seconds() - start
     counts: dict[str, int] = {}
     if "--json" in arguments:
-        for one in json.loads(done.stdout)["objects"]:
-            counts[one["state"]] = counts.get(one["state"], 0) + 1
+        for entry in json.loads(done.stdout)["objects"]:
+            counts[entry["state"]] = counts.get(entry["state"], 0) + 1
     return seconds, counts
 
 
-def measure(root: Path, base: str, other: str, rounds: int) -> dict[str, Any]:
+def measure(root: Path, base: str, head: str, rounds: int) -> dict[str, Any]:
     """Return the CPU seconds of one comparison: from the cache, from a remote, and from it again."""
     cache, store = root / ".dvc" / "cache", root / "store"
-    _, counts = audited(root, base, other, "--json")
+    _, counts = audited(root, base, head, "--json")
     row: dict[str, Any] = {"states": counts}
-    row["text_cpu_s"] = sorted(audited(root, base, other)[0] for _ in range(rounds))
-    row["json_cpu_s"] = audited(root, base, other, "--json")[0]
-    row["html_cpu_s"] = audited(root, base, other, "--html", str(root / "page.html"), "--overwrite")[0]
+    row["text_cpu_s"] = sorted(audited(root, base, head)[0] for _ in range(rounds))
+    row["json_cpu_s"] = audited(root, base, head, "--json")[0]
+    row["html_cpu_s"] = audited(root, base, head, "--html", str(root / "page.html"), "--overwrite")[0]
     cache.rename(store)
     (root / ".dvc" / "config").write_text(
         "[core]\n    analytics = false\n    remote = store\n['remote \"store\"']\n    url = ../store\n"
     )
     shutil.rmtree(root / "site", ignore_errors=True)
-    row["remote_cold_cpu_s"] = audited(root, base, other)[0]
-    row["remote_warm_cpu_s"] = audited(root, base, other)[0]
+    row["remote_cold_cpu_s"] = audited(root, base, head)[0]
+    row["remote_warm_cpu_s"] = audited(root, base, head)[0]
     store.rename(cache)
     return row
 
@@ -212,18 +212,18 @@ def main() -> None:
     parser.add_argument("--products", type=Path, default=Path("data"), help="data of a finished data set")
     parser.add_argument("--objects", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=3)
-    given = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="objectfolder-bench-") as folder:
-        made = Made(Path(folder) / "set", given.products, given.objects)
-        base = made.commit(0)
+        data_set = VersionedProducts(Path(folder) / "set", options.products, options.objects)
+        base = data_set.commit(0)
         rows = []
         for count in CHANGED:
-            row = measure(made.root, base, made.change(count), given.rounds)
-            rows.append({"changed": count or given.objects, **row})
+            row = measure(data_set.root, base, data_set.change(count), options.rounds)
+            rows.append({"changed": count or options.objects, **row})
             print(json.dumps(rows[-1]))
-        nothing = sorted(audited(made.root, base, base)[0] for _ in range(given.rounds))
+        nothing = sorted(audited(data_set.root, base, base)[0] for _ in range(options.rounds))
     figures = {"nothing_changed_cpu_s": nothing, "changed": rows}
-    settings = {"objects": given.objects, "rounds": given.rounds, "products": len(KINDS)}
+    settings = {"objects": options.objects, "rounds": options.rounds, "products": len(KINDS)}
     compared = (
         "CPU seconds of `objectfolder audit A B`, interpreter and imports included, where all products of"
         " some objects changed; bar: 5"

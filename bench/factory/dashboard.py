@@ -45,8 +45,8 @@ def main() -> None:
         kinds = repeat(options.data_set, root, options.objects)
         players = players_alone(root)
         figures: dict[str, Any] = {"players": players}
-        figures["whole"] = {str(pairs): made(root, pairs) for pairs in options.pairs}
-        figures["again"] = made(root, options.pairs[-1], keep=True)
+        figures["whole"] = {str(pairs): make_report(root, pairs) for pairs in options.pairs}
+        figures["again"] = make_report(root, options.pairs[-1], keep=True)
         figures["one_changed"] = one_changed(root, options.pairs[-1])
         figures["sizes"] = sizes(root / "reports")
         figures["browser"] = behaviour(root / "reports" / "index.html")
@@ -86,15 +86,15 @@ def repeat(source: Path, root: Path, count: int) -> list[str]:
 def renamed(source: Path, folder: Path, object_id: str, index: int) -> None:
     """Write a fidelity product of another id, a little better or worse: its entries, but the attributes."""
     target = folder / f"{object_id}.zarr.zip"
-    with zipfile.ZipFile(source) as read, zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as written:
-        for entry in read.infolist():
-            content = read.read(entry)
+    with zipfile.ZipFile(source) as original, zipfile.ZipFile(target, "w", zipfile.ZIP_STORED) as copy:
+        for entry in original.infolist():
+            content = original.read(entry)
             if entry.filename == "zarr.json":
                 group = json.loads(content)
                 group["attributes"]["object"]["id"] = object_id
                 group["attributes"]["vision"]["psnr_foreground_db"] += (index * 0.618 % 1) * 6 - 3
                 content = json.dumps(group).encode()
-            written.writestr(entry.filename, content)
+            copy.writestr(entry.filename, content)
 
 
 def repeat_costs(source: Path, target: Path, originals: list[str], count: int) -> None:
@@ -126,7 +126,7 @@ def players_alone(root: Path) -> dict[str, Any]:
     return {"baked_cpu_s": seconds}
 
 
-def made(root: Path, pairs: int, *, keep: bool = False) -> dict[str, Any]:
+def make_report(root: Path, pairs: int, *, keep: bool = False) -> dict[str, Any]:
     """Make the report, all pages anew unless `keep`."""
     if not keep:
         for path in (root / "reports/objects").glob("*"):
@@ -140,7 +140,7 @@ def one_changed(root: Path, pairs: int) -> dict[str, Any]:
     path = sorted((root / "data/fidelity").iterdir())[0]
     renamed(path, root / "data", path.name.partition(".")[0], 7)
     (root / "data" / path.name).replace(path)
-    return made(root, pairs, keep=True)
+    return make_report(root, pairs, keep=True)
 
 
 def sizes(reports: Path) -> dict[str, Any]:

@@ -82,13 +82,13 @@ def run(inputs: Path, workers: int) -> dict[str, Any]:
 
 def summarise(rounds: list[dict[int, dict[str, Any]]]) -> dict[str, Any]:
     """Return the speed-up of two workers over one, and what of the loss is the machine's."""
-    one, two = WORKERS
-    speed_up = [done[one]["wall_s"] / done[two]["wall_s"] for done in rounds]
-    slower = [done[two]["task_wall_s"] / done[one]["task_wall_s"] for done in rounds]
-    busy = [done[two]["task_wall_s"] / (two * done[two]["wall_s"]) for done in rounds]
+    least, most = WORKERS
+    speed_up = [done[least]["wall_s"] / done[most]["wall_s"] for done in rounds]
+    slower = [done[most]["task_wall_s"] / done[least]["task_wall_s"] for done in rounds]
+    busy = [done[most]["task_wall_s"] / (most * done[most]["wall_s"]) for done in rounds]
     return {
         "speed_up_median": statistics.median(speed_up),
-        "efficiency_median": statistics.median(speed_up) / two,
+        "efficiency_median": statistics.median(speed_up) / most,
         "speed_up_by_round": speed_up,
         "task_seconds_side_by_side_over_alone_median": statistics.median(slower),
         "workers_busy_share_median": statistics.median(busy),

@@ -54,8 +54,8 @@ def read_pybullet(folder: Path, kind: str) -> Read:
         body = pybullet.loadURDF(
             _file(folder, kind), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
         )
-        found = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)
-        return Read(found[0], np.array(found[3]), np.array(found[2]))
+        dynamics = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)
+        return Read(dynamics[0], np.array(dynamics[3]), np.array(dynamics[2]))
     finally:
         pybullet.disconnect(client)
 

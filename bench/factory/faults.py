@@ -74,10 +74,10 @@ def kills_of(done: list[dict[str, Any]]) -> int:
 
 def summary(rounds: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
     """Return counts over all rounds of each kind."""
-    found = {}
+    counts = {}
     for kind, records in rounds.items():
         kills = [killed for record in records for killed in record["kills"]]
-        found[kind] = {
+        counts[kind] = {
             "kills": len(kills),
             "that_cut_a_task_short": sum(bool(killed["running"]) for killed in kills),
             "tasks_cut_short": sum(len(killed["running"]) for killed in kills),
@@ -92,7 +92,7 @@ def summary(rounds: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
             "rounds_with_something_wrong": sum(bool(record["wrong"]) for record in records),
             "wrong": dict(Counter(name for record in records for name in record["wrong"])),
         }
-    return found
+    return counts
 
 
 def record(rounds: dict[str, list[dict[str, Any]]]) -> None:
@@ -106,8 +106,10 @@ def main() -> None:
     parser.add_argument("--fresh", action="store_true", help="forget the rounds recorded so far")
     parser.add_argument("--keep", action="store_true", help="keep the folders of rounds that went wrong")
     options = parser.parse_args()
-    known = stored("faults")["figures"]["rounds"] if (RESULTS / "faults.json").exists() else {}
-    rounds = {kind: [] if options.fresh and kind in options.only else known.get(kind, []) for kind in PLAN}
+    rounds_before = stored("faults")["figures"]["rounds"] if (RESULTS / "faults.json").exists() else {}
+    rounds = {
+        kind: [] if options.fresh and kind in options.only else rounds_before.get(kind, []) for kind in PLAN
+    }
     base = Path(tempfile.mkdtemp(prefix="faults-"))
     expected = undisturbed(Ground(base / "undisturbed", CONTENTS))
     # In turn, so that an interrupted bench has some of every kind.

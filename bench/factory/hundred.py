@@ -58,8 +58,13 @@ def main() -> None:
         "objects_listed": len(listed.rows) + len(listed.refused),
         "object_files": len(rows),
         "failures": [
-            {"stage": one.stage, "object": one.object, "error": one.error, "remedy": one.remedy}
-            for one in read_failures(root)
+            {
+                "stage": failure.stage,
+                "object": failure.object,
+                "error": failure.error,
+                "remedy": failure.remedy,
+            }
+            for failure in read_failures(root)
         ],
         "fidelity": {name: summary(rows, name, larger) for name, larger in MEASURES.items()},
         "without_audible_mode": sum(not number(row, "audio.modes") for row in rows),
@@ -88,18 +93,18 @@ def number(row: Mapping[str, str], name: str) -> float | None:
 
 def summary(rows: Sequence[Mapping[str, str]], name: str, larger_is_better: bool) -> dict[str, Any] | None:
     """Return mean, median, worst tenth and worst object of a measure; None where no object has it."""
-    found = [(value, row["id"]) for row in rows if (value := number(row, name)) is not None]
-    if not found:
+    ranking = [(value, row["id"]) for row in rows if (value := number(row, name)) is not None]
+    if not ranking:
         return None
-    found.sort(reverse=not larger_is_better)  # worst first
-    values = [value for value, _ in found]
+    ranking.sort(reverse=not larger_is_better)  # worst first
+    values = [value for value, _ in ranking]
     return {
         "objects": len(values),
         "mean": statistics.fmean(values),
         "median": statistics.median(values),
         "worst_tenth_begins_at": values[len(values) // 10],
         "worst": values[0],
-        "worst_object": found[0][1],
+        "worst_object": ranking[0][1],
     }
 
 

@@ -186,11 +186,11 @@ def emulated(folder: Path, processor: str) -> Path:
     return python
 
 
-def compared(usual: Path, other: Path, object_id: str) -> dict[str, Any]:
+def compared(usual: Path, root: Path, object_id: str) -> dict[str, Any]:
     """Compare two roots' products of an object: by stage, all that is not the same bytes."""
-    found: dict[str, Any] = {}
+    comparisons: dict[str, Any] = {}
     for stage in STAGES.values():
-        pairs = list(zip(stage.targets(usual, object_id), stage.targets(other, object_id), strict=True))
+        pairs = list(zip(stage.targets(usual, object_id), stage.targets(root, object_id), strict=True))
         if not all(path.exists() for pair in pairs for path in pair):
             continue
         entries = [entry for pair in pairs for entry in compare(*pair, stage.tolerances)]
@@ -204,8 +204,8 @@ def compared(usual: Path, other: Path, object_id: str) -> dict[str, Any]:
             for entry in entries
             if entry.verdict != EQUAL
         }
-        found[stage.name] = {"compared": len(entries), "apart": apart}
-    return found
+        comparisons[stage.name] = {"compared": len(entries), "apart": apart}
+    return comparisons
 
 
 def _finite(value: float) -> float | None:

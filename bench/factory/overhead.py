@@ -30,8 +30,8 @@ def seconds_of(act: Act) -> float:
 def measure(root: Path, objects: int, rounds: int) -> dict[str, Any]:
     """Return CPU seconds of every act, each round one after the other."""
     repository = OverheadRepository(root, objects)
-    made = seconds_of(lambda: repository.run(*populate(root)))
-    print(f"products made: {made:.1f} CPU-s", flush=True)
+    making_s = seconds_of(lambda: repository.run(*populate(root)))
+    print(f"products made: {making_s:.1f} CPU-s", flush=True)
     first = seconds_of(lambda: repository.run("dvc", "repro"))
     print(f"first repro: {first:.1f} CPU-s", flush=True)
     sizes = iter(range(1000))
@@ -92,13 +92,13 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--objects", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=3)
-    given = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="overhead-", ignore_cleanup_errors=True) as work:
-        figures = summary(measure(Path(work) / "ours", given.objects, given.rounds))
+        figures = summary(measure(Path(work) / "ours", options.objects, options.rounds))
     conclude(
         "overhead",
         figures,
-        vars(given),
+        vars(options),
         "CPU seconds, child processes included, of `dvc repro`, `dvc status` and `objectfolder status` over "
         "trivial tasks.",
     )

@@ -50,10 +50,10 @@ class Fabricating:
             job = self._jobs.pop()
             call = job.call
             module, _, function = call.task.partition(":")
-            made = getattr(importlib.import_module(module), function)(call.request)
+            result = getattr(importlib.import_module(module), function)(call.request)
             own = {"fingerprint": call.fingerprint, "provenance": dict(call.parts)}
             for target, content in zip(
-                call.targets, made if isinstance(made, tuple) else (made,), strict=True
+                call.targets, result if isinstance(result, tuple) else (result,), strict=True
             ):
                 if isinstance(content, Product):
                     self._write(target, content.with_attributes(**own))
@@ -89,12 +89,12 @@ class Copying:
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         """Draw the first page, and write the files of the others from its own."""
         first = self._jobs[0].call
-        drawn = draw_page(first.request)
-        stem, names = page_stem(first), drawn.metadata["names"]
+        first_page = draw_page(first.request)
+        stem, names = page_stem(first), first_page.metadata["names"]
         for job in self._jobs:
             call = job.call
-            files = {page_stem(call) + name.removeprefix(stem): drawn.tensors[name] for name in names}
-            page = drawn.tensors[names[-1]].tobytes()
+            files = {page_stem(call) + name.removeprefix(stem): first_page.tensors[name] for name in names}
+            page = first_page.tensors[names[-1]].tobytes()
             page = page.replace(first.fingerprint.encode(), call.fingerprint.encode())
             files[f"{page_stem(call)}.html"] = np.frombuffer(page, np.uint8)
             call.targets[0].parent.mkdir(parents=True, exist_ok=True)

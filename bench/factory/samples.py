@@ -38,49 +38,54 @@ def main() -> None:
     parser.add_argument("root", type=Path)
     parser.add_argument("--batches", type=int, default=20)
     parser.add_argument("--batch-size", type=int, default=32)
-    given = parser.parse_args()
+    options = parser.parse_args()
     torch.set_num_threads(1)
     rows = []
-    for case, sense, wanted, settings in CASES:
-        found = [measure(given, sense, settings, seed) for seed in range(ROUNDS)]
-        row = {key: float(np.median([one[key] for one in found])) for key in found[0]}
-        rows.append({"case": case, "source": settings["source"], "enough": wanted, **row})
+    for case, sense, goal, settings in CASES:
+        measurements = [measure(options, sense, settings, seed) for seed in range(ROUNDS)]
+        row = {
+            key: float(np.median([measurement[key] for measurement in measurements]))
+            for key in measurements[0]
+        }
+        rows.append({"case": case, "source": settings["source"], "enough": goal, **row})
         print(rows[-1], flush=True)
-    objects = len(list((given.root / "data" / "views").glob("*.zarr.zip")))
+    objects = len(list((options.root / "data" / "views").glob("*.zarr.zip")))
     settings = {
         "objects": objects,
-        "batches": given.batches,
-        "batch_size": given.batch_size,
+        "batches": options.batches,
+        "batch_size": options.batch_size,
         "rounds": ROUNDS,
     }
     compared = "Training samples a CPU-second in batches: shuffled over all objects, and of four at a time"
     conclude("samples", {"ways": rows}, settings, compared)
 
 
-def measure(given: argparse.Namespace, sense: str, settings: dict[str, Any], seed: int) -> dict[str, float]:
+def measure(options: argparse.Namespace, sense: str, settings: dict[str, Any], seed: int) -> dict[str, float]:
     """Return samples a CPU-second of both orders, and the CPU seconds of opening an object."""
-    samples = ObjectFolderDataset(given.root, sense, **settings)
+    samples = ObjectFolderDataset(options.root, sense, **settings)
     firsts = [start for start, _ in samples.ranges()]
     if seed == 0:
         samples.__getitems__(firsts)  # kernels are compiled
-    samples = ObjectFolderDataset(given.root, sense, **settings)
+    samples = ObjectFolderDataset(options.root, sense, **settings)
     start = time.process_time()
     samples.__getitems__(firsts)
     opening = time.process_time() - start
     shuffled = torch.Generator().manual_seed(seed)
     loaders = {
-        "shuffled": DataLoader(samples, given.batch_size, shuffle=True, generator=shuffled),
-        "few_objects": DataLoader(samples, batch_sampler=ObjectBatches(samples, given.batch_size, seed=seed)),
+        "shuffled": DataLoader(samples, options.batch_size, shuffle=True, generator=shuffled),
+        "few_objects": DataLoader(
+            samples, batch_sampler=ObjectBatches(samples, options.batch_size, seed=seed)
+        ),
     }
-    found = {"opening_cpu_s": opening / len(firsts)}
+    figures = {"opening_cpu_s": opening / len(firsts)}
     for name, loader in loaders.items():
         start = time.process_time()
-        batches = list(islice(loader, given.batches))
+        batches = list(islice(loader, options.batches))
         seconds = time.process_time() - start
-        found[name] = sum(len(batch["query"]) for batch in batches) / seconds
+        figures[name] = sum(len(batch["query"]) for batch in batches) / seconds
         for batch in batches:
             agree(samples, batch)
-    return found
+    return figures
 
 
 def agree(samples: ObjectFolderDataset, batch: dict[str, Any]) -> None:

@@ -50,17 +50,17 @@ def main() -> None:
     parser = arguments("order of tasks, and their cost beside their work")
     parser.add_argument("--tasks", type=int, default=10_000, help="empty tasks")
     parser.add_argument("--seconds", type=float, default=45.0, help="that the lower bound is scaled to")
-    given = parser.parse_args()
+    options = parser.parse_args()
     os.environ["PYTHONPATH"] = str(REPOSITORY)  # of scheduler and workers
     with mock.patch.object(dask_runner, "run_task", sleep):
-        figures: dict[str, Any] = {"empty_tasks": empty_tasks(given.tasks)}
+        figures: dict[str, Any] = {"empty_tasks": empty_tasks(options.tasks)}
         print(figures["empty_tasks"], flush=True)
-        taken = last_costs(read_costs(KNOWN))
+        costs = last_costs(read_costs(KNOWN))
         figures["makespans"] = []
         for workers, threads in CLUSTERS:
             with cluster(workers, threads) as (runner, _):
-                for knowledge, expected in (("known", taken), ("first", means(taken))):
-                    row = makespan(runner, workers * threads, taken, expected, given.seconds)
+                for knowledge, expected in (("known", costs), ("first", means(costs))):
+                    row = makespan(runner, workers * threads, costs, expected, options.seconds)
                     row = {"knowledge": knowledge, "workers": workers, "threads_of_each": threads, **row}
                     figures["makespans"].append(row)
                     print(row, flush=True)
@@ -82,18 +82,18 @@ def means(costs: Costs) -> Costs:
 
 def chain_s(costs: Costs, object_id: str, stage: str) -> float:
     """Return the seconds of a stage and of the longest chain behind it."""
-    behind = [name for name, other in FOLLOWED.items() if stage in other.follows]
+    behind = [name for name, follower in FOLLOWED.items() if stage in follower.follows]
     longest = max((chain_s(costs, object_id, name) for name in behind), default=0.0)
     return costs[object_id, stage].cpu_s + longest
 
 
 def makespan(
-    runner: dask_runner.DaskRunner, threads: int, taken: Costs, expected: Costs, bound_s: float
+    runner: dask_runner.DaskRunner, threads: int, costs: Costs, expected: Costs, bound_s: float
 ) -> dict[str, Any]:
     """Run all objects; return how long it took, beside the bound, in seconds of the bench."""
-    objects = sorted({object_id for object_id, _ in taken})
-    chain = max(chain_s(taken, object_id, "objects") for object_id in objects)
-    work = sum(cost.cpu_s for (_, stage), cost in taken.items() if stage in FOLLOWED)
+    objects = sorted({object_id for object_id, _ in costs})
+    chain = max(chain_s(costs, object_id, "objects") for object_id in objects)
+    work = sum(cost.cpu_s for (_, stage), cost in costs.items() if stage in FOLLOWED)
     scale = max(work / threads, chain) / bound_s
     done: dict[str, set[str]] = {object_id: set() for object_id in objects}
     begun: set[tuple[str, str]] = set()
@@ -103,13 +103,13 @@ def makespan(
             key = object_id, stage
             if key not in begun and set(declared.follows) <= done[object_id]:
                 begun.add(key)
-                one = expected[key]
-                request = Request(object_id, {}, {"seconds": taken[key].cpu_s / scale}, {}, 0)
+                cost = expected[key]
+                request = Request(object_id, {}, {"seconds": costs[key].cpu_s / scale}, {}, 0)
                 yield Job(
                     Call(stage, "", request, (), "", {}),
-                    one.cpu_s,
+                    cost.cpu_s,
                     chain_s(expected, *key),
-                    one.memory_bytes,
+                    cost.memory_bytes,
                     declared.needs,
                 )
 

@@ -45,10 +45,10 @@ RESTS = {"moved_m": 2e-3, "tilted_deg": 2.0, "speed": 1e-3, "overlap_m": 2e-4}
 
 
 def main() -> None:
-    given = scan_arguments("scans as assets of simulators", "assets and rows", only=()).parse_args()
-    scans = Scans(given.objects)
-    names = given.only or scans.ids
-    table = rows_of(names, lambda name: measure(scans, name, given.folder / name), given.folder)
+    options = scan_arguments("scans as assets of simulators", "assets and rows", only=()).parse_args()
+    scans = Scans(options.objects)
+    names = options.only or scans.ids
+    table = rows_of(names, lambda name: measure(scans, name, options.folder / name), options.folder)
     conclude("simulators", figures(table), settings(), COMPARED)
 
 
@@ -119,23 +119,23 @@ def _measure(scans: Scans, name: str, folder: Path) -> dict[str, Any]:
 
 def read(asset: Asset, folder: Path, length_m: float) -> dict[str, Any]:
     """The worst relative error of mass, centre and moments by engine and format; or why it does not load."""
-    found: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
     for engine, (reader, kinds) in ENGINES.items():
         for kind in kinds:
             try:
-                found[f"{engine} {kind}"] = reader(folder, kind).worst_relative(asset.body, length_m)
+                errors[f"{engine} {kind}"] = reader(folder, kind).worst_relative(asset.body, length_m)
             except Exception as error:
-                found[f"{engine} {kind}"] = repr(error)
-    return found
+                errors[f"{engine} {kind}"] = repr(error)
+    return errors
 
 
 def rests(folder: Path, pose: np.ndarray) -> dict[str, Any]:
     outcome: dict[str, Any] = {}
     up = {}
     for engine in (engine for engine in RESTING if engine in ENGINES):
-        found = RESTING[engine](folder, pose)
-        up[engine] = found.pose[2, :3]
-        outcome[engine] = {name: getattr(found, name) for name in RESTS}
+        rest = RESTING[engine](folder, pose)
+        up[engine] = rest.pose[2, :3]
+        outcome[engine] = {name: getattr(rest, name) for name in RESTS}
     for engine in up.keys() - {"MuJoCo"}:
         apart = np.clip(up["MuJoCo"] @ up[engine], -1, 1)
         outcome[engine]["from_mujoco_deg"] = float(np.degrees(np.arccos(apart)))
@@ -144,12 +144,12 @@ def rests(folder: Path, pose: np.ndarray) -> dict[str, Any]:
 
 def step_us(folder: Path, pose: np.ndarray) -> float:
     """CPU microseconds of a MuJoCo step of 2 ms: those of two more seconds of simulation."""
-    taken = []
+    cpu_s = []
     for time_s in (1.0, 3.0):
         start = time.process_time()
         rest_in_mujoco(folder, pose, time_s=time_s)
-        taken.append(time.process_time() - start)
-    return (taken[1] - taken[0]) / 1000 * 1e6
+        cpu_s.append(time.process_time() - start)
+    return (cpu_s[1] - cpu_s[0]) / 1000 * 1e6
 
 
 def load_ms(folder: Path) -> float:
@@ -162,18 +162,18 @@ def load_ms(folder: Path) -> float:
 
 
 def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    made = {name: row for name, row in table.items() if row["failure"] is None}
+    rows = {name: row for name, row in table.items() if row["failure"] is None}
     column = {
-        key: np.array([row[key] for row in made.values()])
+        key: np.array([row[key] for row in rows.values()])
         for key in (
             "parts", "union_iou", "outward_share", "inward_share", "decompose_cpu_s", "slide_over_friction",
             "angular_momentum_drift", "step_us", "load_ms",
         )
     }  # fmt: skip
-    poses = [(name, rest) for name, row in made.items() for rest in row["rest"]]
+    poses = [(name, rest) for name, row in rows.items() for rest in row["rest"]]
     loads: dict[str, Any] = {}
-    for reader in sorted({reader for row in made.values() for reader in row["read"]}):
-        errors = [row["read"][reader] for row in made.values()]
+    for reader in sorted({reader for row in rows.values() for reader in row["read"]}):
+        errors = [row["read"][reader] for row in rows.values()]
         numbers = [error for error in errors if isinstance(error, float)]
         loads[reader] = {"loaded": len(numbers), "worst_relative_error": max(numbers, default=None)}
 
@@ -188,7 +188,7 @@ def figures(table: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
     return {
         "objects": {name: {key: row[key] for key in row if key != "rest"} for name, row in table.items()},
-        "made": len(made),
+        "made": len(rows),
         "failed": {name: row["failure"] for name, row in table.items() if row["failure"]},
         "loads": loads,
         "median": {key: float(np.median(values)) for key, values in column.items()},

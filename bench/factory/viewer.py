@@ -151,10 +151,10 @@ def live(browser: Any, path: Path) -> dict[str, Any]:
 def announced(server: "subprocess.Popen[str]") -> str:
     """Return the address that a live page's command prints first."""
     line = server.stdout.readline() if server.stdout else ""
-    found = re.search(r"http://\S+", line)
-    if found is None:
+    address = re.search(r"http://\S+", line)
+    if address is None:
         raise RuntimeError(f"no address in what the command printed: {line!r}")
-    return found[0]
+    return address[0]
 
 
 def clicked(page: Any) -> list[float]:
@@ -168,8 +168,8 @@ def clicked(page: Any) -> list[float]:
         page.evaluate(EXPECT)
         page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
         page.evaluate("() => window.said.then(() => null)")
-    found: list[float] = page.evaluate("() => window.waits")
-    return found
+    waits: list[float] = page.evaluate("() => window.waits")
+    return waits
 
 
 def static(browser: Any, path: Path) -> dict[str, Any]:
@@ -179,9 +179,9 @@ def static(browser: Any, path: Path) -> dict[str, Any]:
         folder = Path(name)
         write_player_assets(folder)
         start = time.process_time()
-        written = write_player(path, folder, "object", cache=folder / "cache")
+        script = write_player(path, folder, "object", cache=folder / "cache")
         fresh = time.process_time() - start
-        size = written.stat().st_size
+        size = script.stat().st_size
         start = time.process_time()
         write_player(path, folder, "object", cache=folder / "cache")
         cached = time.process_time() - start
@@ -211,10 +211,10 @@ def gain_error_db(page: Any, file: ObjectFile) -> float | None:
     if not len(file.modes.eigenvalues):
         return None
     samples = file.surface.sample(PLACES, seed=1)
-    asked = (samples.face, samples.barycentric, -samples.normals, samples.normals)
-    found = np.array(page.evaluate(AMPLITUDES, [array.tolist() for array in asked]))
+    blows = (samples.face, samples.barycentric, -samples.normals, samples.normals)
+    amplitudes = np.array(page.evaluate(AMPLITUDES, [array.tolist() for array in blows]))
     truth = file.mode_velocities(samples.points, -samples.normals)
-    return float(10 * np.log10(((found - truth) ** 2).sum() / (truth**2).sum()))
+    return float(10 * np.log10(((amplitudes - truth) ** 2).sum() / (truth**2).sum()))
 
 
 def spread(name: str, values: Sequence[float]) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def spread(name: str, values: Sequence[float]) -> dict[str, Any]:
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Median and worst object of each figure."""
     names = [name for name in rows[0] if name != "object"]
-    known = {name: [row[name] for row in rows if row[name] is not None] for name in names}
+    columns = {name: [row[name] for row in rows if row[name] is not None] for name in names}
     return {
-        name: {"median": float(np.median(v)), "worst": float(np.max(v))} for name, v in known.items() if v
+        name: {"median": float(np.median(v)), "worst": float(np.max(v))} for name, v in columns.items() if v
     }

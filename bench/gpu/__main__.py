@@ -31,11 +31,11 @@ def hundred_objects(run: Run) -> dict[str, Any]:
         run.torch.cuda.reset_peak_memory_stats()
         before = run.torch.cuda.memory_allocated()
     batch = Batch(objects((*LEARNED, *KNOWN)) * (1 if run.on_cpu else 25), run.device)
-    made = batch.touch, batch.sound, batch.sight
+    senses = batch.touch, batch.sound, batch.sight
     if run.on_cpu:
         return {"objects": len(batch.files)}
     gib = (run.torch.cuda.memory_allocated() - before) / 2**30
-    return {"objects": len(batch.files), "resident_gib": round(gib, 3), "senses": len(made)}
+    return {"objects": len(batch.files), "resident_gib": round(gib, 3), "senses": len(senses)}
 
 
 def compile_for_cpu() -> None:
@@ -105,19 +105,19 @@ def main() -> None:
     parser.add_argument("--name", default="gpu", help="of the file of results")
     parser.add_argument("--cpu", action="store_true", help="run all lines on a CPU")
     parser.add_argument("--compile", action="store_true", help="compile single queries, and nothing else")
-    asked = parser.parse_args()
-    if unknown := set(asked.parts) - set(PARTS):
+    options = parser.parse_args()
+    if unknown := set(options.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
-    if asked.compile:
+    if options.compile:
         return compile_for_cpu()
-    if not asked.cpu:
+    if not options.cpu:
         require_card(parser)
-    run = Run(asked.cpu, asked.name)
-    chosen = [name for name in PARTS if name in (asked.parts or PARTS.keys() - OF_DATA_SET)]
+    run = Run(options.cpu, options.name)
+    names = [name for name in PARTS if name in (options.parts or PARTS.keys() - OF_DATA_SET)]
     # Beside the kernels for the device, which this process compiles meanwhile.
     compiling = subprocess.Popen([sys.executable, "-m", "bench.gpu", "--compile"])
     run.part("versions", versions)
-    for name in chosen:
+    for name in names:
         if name in SINGLE_QUERIES and "cpu_kernels" not in run.figures:
             run.part("cpu_kernels", lambda run: {"exit": compiling.wait(timeout=400 if run.on_cpu else 100)})
         run.part(name, PARTS[name])

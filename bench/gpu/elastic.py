@@ -14,20 +14,20 @@ def elastic_equality(run: Run) -> dict[str, Any]:
     from objectfolder.batch import Batch
 
     files, count = objects(), 4 if run.on_cpu else 24
-    which, points, asked = touches(count, files)
-    depths = asked.pop("depth_m")
+    which, points, settings = touches(count, files)
+    depths = settings.pop("depth_m")
     figures: dict[str, Any] = {"touches": count}
     for load in ({"depth_m": depths}, {"force_n": 4000 * depths}):
         true = []
         for index, file in enumerate(files):
             rows = np.flatnonzero(which == index)
-            given = {name: value[rows] for name, value in {**asked, **load}.items()}
-            true.append((rows, file.press(points[rows], contact="elastic", **given)))
+            press = {name: value[rows] for name, value in {**settings, **load}.items()}
+            true.append((rows, file.press(points[rows], contact="elastic", **press)))
         for precision, steps in (
             ("single", 12), ("single", 16), ("single", 20), ("single", 24), ("single", 32), ("double", 40)
         ):  # fmt: skip
             batch = Batch(files, run.device, precision=precision).touch
-            answer = batch.press(which, points, contact="elastic", steps=steps, **asked, **load)
+            answer = batch.press(which, points, contact="elastic", steps=steps, **settings, **load)
             figures[f"{next(iter(load))}_{precision}_{steps}"] = elastic_errors(answer, true)
     return figures
 
@@ -64,19 +64,19 @@ def elastic_speed(run: Run) -> dict[str, Any]:
     batch = Batch(files, run.device).touch
     figures: dict[str, Any] = {}
     for count in (2, 3) if run.on_cpu else (256, 4096, 16384):
-        which, points, asked = touches(count, files)
+        which, points, settings = touches(count, files)
         out = TouchImages.empty(count, batch.sensor, run.device)
         place = run.torch.as_tensor
-        given = {name: place(value, device=run.device) for name, value in asked.items()}
-        at, depths = [place(part, device=run.device) for part in (which, points)], given.pop("depth_m")
+        tensors = {name: place(value, device=run.device) for name, value in settings.items()}
+        at, depths = [place(part, device=run.device) for part in (which, points)], tensors.pop("depth_m")
         for name, load in (("depth_m", depths), ("force_n", 4000 * depths)):
             for steps in (16, 20, 24, 32) if count == 4096 else (24,):
                 work = partial(
-                    batch.press, *at, **given, **{name: load}, contact="elastic", steps=steps, out=out
+                    batch.press, *at, **tensors, **{name: load}, contact="elastic", steps=steps, out=out
                 )
-                taken, residual = run.seconds(work, 3), work().relative_residual
+                seconds, residual = run.seconds(work, 3), work().relative_residual
                 figures[f"{name}_{count}_{steps}_steps"] = {
-                    "per_s": round(count / taken, 1),
+                    "per_s": round(count / seconds, 1),
                     "residual_largest": float(residual.max()),
                     "residual_99_percent": float(residual.quantile(0.99)),
                     "pressed": float((residual > 0).double().mean()),

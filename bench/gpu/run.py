@@ -120,8 +120,14 @@ def versions(run: Run) -> dict[str, Any]:
         figures["numba_cuda"] = str(error)
     if run.on_cpu:
         return {**figures, "card": "none: a CPU"}
-    asked = ["nvidia-smi", "--query-gpu=name,driver_version,memory.total,clocks.sm", "--format=csv,noheader"]
-    figures["nvidia_smi"] = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.strip()
+    command = [
+        "nvidia-smi",
+        "--query-gpu=name,driver_version,memory.total,clocks.sm",
+        "--format=csv,noheader",
+    ]
+    figures["nvidia_smi"] = subprocess.run(
+        command, capture_output=True, text=True, check=False
+    ).stdout.strip()
     figures["card"] = run.torch.cuda.get_device_name(0)
     from numba import cuda
 
@@ -138,13 +144,13 @@ def objects(names: Sequence[str] = LEARNED) -> list[Any]:
 
 def touches(count: int, files: list[Any], seed: int = 0) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
     """Objects, points and the rest of presses, mixed; from 4,096 on they repeat."""
-    random, drawn = np.random.default_rng(seed), min(count, 4096)
-    which = random.integers(0, len(files), drawn)
-    points = np.empty((drawn, 3))
+    random, draws = np.random.default_rng(seed), min(count, 4096)
+    which = random.integers(0, len(files), draws)
+    points = np.empty((draws, 3))
     for index, file in enumerate(files):
         rows = np.flatnonzero(which == index)
         points[rows] = file.sample_contacts(len(rows), seed=seed, reachable=False)[0]
     ranges = {"depth_m": (0.0002, 0.002), "tilt_deg": (0.0, 30.0), "azimuth_deg": (0.0, 360.0)}
     ranges["roll_deg"] = (0.0, 360.0)
-    turns = {name: np.resize(random.uniform(*limits, drawn), count) for name, limits in ranges.items()}
+    turns = {name: np.resize(random.uniform(*limits, draws), count) for name, limits in ranges.items()}
     return np.resize(which, count), np.resize(points, (count, 3)), turns

@@ -25,9 +25,9 @@ def sight_equality(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:
         for file, view in zip(files, views, strict=True)
     ]
     mask = np.concatenate(shown)
-    for effort, asked in EFFORTS.items():
-        image = batch.render(which, cameras, lights, 128, **asked)
-        again = batch.render(which, cameras, lights, 128, **asked)
+    for effort, settings in EFFORTS.items():
+        image = batch.render(which, cameras, lights, 128, **settings)
+        again = batch.render(which, cameras, lights, 128, **settings)
         squares = ((image.cpu().numpy().astype(float) - true) ** 2).mean(axis=3)
         within = (squares * mask).sum(axis=(1, 2)) / mask.sum(axis=(1, 2))
         for name, error in (("psnr_db", squares.mean(axis=(1, 2))), ("psnr_shown_db", within)):
@@ -43,20 +43,20 @@ def sight_speed(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:
 
     files = objects(names)
     figures: dict[str, Any] = {}
-    for label, chosen in ((names[0], files[:1]), (names[1], files[1:]), ("both", files)):
-        batch = Batch(chosen, run.device).sight
+    for label, subset in ((names[0], files[:1]), (names[1], files[1:]), ("both", files)):
+        batch = Batch(subset, run.device).sight
         for count in (1, 4) if run.on_cpu else (1, 256, 1024, 4096):
             random = np.random.default_rng(0)
-            which = np.sort(random.integers(0, len(chosen), count))
+            which = np.sort(random.integers(0, len(subset), count))
             cameras, lights = np.empty((count, 4, 4)), np.empty((count, 3))
-            for index, file in enumerate(chosen):
+            for index, file in enumerate(subset):
                 rows = np.flatnonzero(which == index)
                 if len(rows):
                     cameras[rows], lights[rows] = file.sample_views(len(rows), seed=2, lit=True)
             place = run.torch.as_tensor
             views = [place(part, device=run.device) for part in (which, cameras, lights)]
-            for effort, asked in list(EFFORTS.items())[:2]:
-                taken = run.seconds(partial(batch.render, *views, 128, **asked), 3)
-                figures[f"{label}_{count}_{effort}_per_s"] = round(count / taken, 1)
+            for effort, settings in list(EFFORTS.items())[:2]:
+                seconds = run.seconds(partial(batch.render, *views, 128, **settings), 3)
+                figures[f"{label}_{count}_{effort}_per_s"] = round(count / seconds, 1)
     figures["peak_gib"] = run.peak_gib()
     return figures

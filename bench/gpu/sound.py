@@ -33,8 +33,8 @@ def sound(run: Run) -> dict[str, Any]:
         at = place(which, device=run.device), place(points, device=run.device)
         pushes = run.torch.ones_like(at[1])
         out = run.torch.empty((count, 44100), dtype=run.torch.float32, device=run.device)
-        taken = run.seconds(partial(batch.strike, *at, pushes, 1.0, out=out), 5)
-        figures[f"strikes_per_s_{count}"] = round(count / taken, 1)
+        seconds = run.seconds(partial(batch.strike, *at, pushes, 1.0, out=out), 5)
+        figures[f"strikes_per_s_{count}"] = round(count / seconds, 1)
     figures["peak_gib"] = run.peak_gib()
     return figures
 

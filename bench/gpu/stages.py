@@ -52,8 +52,8 @@ def touch_stages(run: Run) -> dict[str, Any]:
     files = objects()
     batch = Batch(files, run.device).touch
     count = run.batches[-1]
-    which, points, asked = touches(count, files)
-    return {"touches": count, "milliseconds": stages(run, lambda: batch.press(which, points, **asked))}
+    which, points, settings = touches(count, files)
+    return {"touches": count, "milliseconds": stages(run, lambda: batch.press(which, points, **settings))}
 
 
 def sight_stages(run: Run, names: Sequence[str] = LEARNED) -> dict[str, Any]:

@@ -14,21 +14,23 @@ def touch_equality(run: Run, precision: str, count: int) -> dict[str, Any]:
 
     files = objects()
     batch = Batch(files, run.device, precision=precision)
-    which, points, asked = touches(count, files)
-    answer = batch.touch.press(which, points, **asked)
-    again = batch.touch.press(which, points, **asked)
-    alone = batch.touch.press(which[3:4], points[3:4], **{name: value[3:4] for name, value in asked.items()})
+    which, points, settings = touches(count, files)
+    answer = batch.touch.press(which, points, **settings)
+    again = batch.touch.press(which, points, **settings)
+    alone = batch.touch.press(
+        which[3:4], points[3:4], **{name: value[3:4] for name, value in settings.items()}
+    )
     # A rigid gel bears no force that is a number, and is not sheared.
-    known = vars(answer)
-    known = {name: known[name] for name in known.keys() - {"force_n", "relative_residual", "shear"}}
-    host = {name: value.cpu().numpy() for name, value in known.items()}
-    same = all(bool((getattr(again, name) == value).all()) for name, value in known.items())
-    single = all(bool((getattr(alone, name)[0] == value[3]).all()) for name, value in known.items())
+    fields = vars(answer)
+    fields = {name: fields[name] for name in fields.keys() - {"force_n", "relative_residual", "shear"}}
+    host = {name: value.cpu().numpy() for name, value in fields.items()}
+    same = all(bool((getattr(again, name) == value).all()) for name, value in fields.items())
+    single = all(bool((getattr(alone, name)[0] == value[3]).all()) for name, value in fields.items())
     worst = dict.fromkeys(("pose", "offset_m", "depth_um_where_masks_agree", "rgb_levels"), 0.0)
     pixels = masks = brighter = reach = 0
     for index, file in enumerate(files):
         rows = np.flatnonzero(which == index)
-        true = file.press(points[rows], **{name: value[rows] for name, value in asked.items()})
+        true = file.press(points[rows], **{name: value[rows] for name, value in settings.items()})
         differs = host["mask"][rows] != true.mask
         levels = np.abs(host["rgb"][rows].astype(int) - true.rgb)
         depth = np.abs(host["depth_m"][rows].astype(float) - true.depth_m)[~differs]
@@ -62,11 +64,11 @@ def touch_speed(run: Run, precision: str) -> dict[str, Any]:
     batch = Batch(files, run.device, precision=precision).touch
     rates: dict[str, Any] = {}
     for count in run.batches:
-        which, points, asked = touches(count, files)
+        which, points, settings = touches(count, files)
         out = TouchImages.empty(count, batch.sensor, run.device)
         place = run.torch.as_tensor
         at = place(which, device=run.device), place(points, device=run.device)
-        numbers = {name: place(value, device=run.device) for name, value in asked.items()}
+        numbers = {name: place(value, device=run.device) for name, value in settings.items()}
         poses = batch.press(*at, **numbers, out=out).sensor_to_object
         see = run.seconds(partial(batch.see, at[0], poses, out=out))
         press = run.seconds(partial(batch.press, *at, **numbers, out=out))

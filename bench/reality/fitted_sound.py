@@ -23,15 +23,15 @@ SOURCE = (
 
 def fitted_sound_rows(folder: Path) -> list[Row]:
     """Fit the bowl to two strikes, and its frequencies and decays to two others; see `Row`."""
-    fitted, held = (_fit(folder, strikes) for strikes in (FITTED, HELD_OUT))
-    pairs = _common(fitted, held)
+    fitted, validation = (_fit(folder, strikes) for strikes in (FITTED, HELD_OUT))
+    pairs = _common(fitted, validation)
     cents = np.array([1200 * np.log2(b["partial_hz"] / a["partial_hz"]) + a["cents"] for a, b in pairs])
     repeat = np.array([1200 * np.log2(b["partial_hz"] / a["partial_hz"]) for a, b in pairs])
     first = [index == 0 or not _is_pair(pairs[index - 1][0], pair[0]) for index, pair in enumerate(pairs)]
     ratio = np.array([b["decay_per_s"] / a["decay_per_s"] for a, b in pairs])
     apart = np.abs(ratio - 1)[first]
     strikes = f"{len(FITTED)} strikes"
-    matched_hz = np.array([row["partial_hz"] for row in held["matched"]])
+    matched_hz = np.array([row["partial_hz"] for row in validation["matched"]])
     by_hand = _partials_by_hand(folder / "partials.csv")
     listed = _in_common(matched_hz, by_hand)
     frequencies = Row(
@@ -41,10 +41,10 @@ def fitted_sound_rows(folder: Path) -> list[Row]:
         figures={
             "rms": float(np.sqrt(np.mean(cents**2))),
             "worst": float(np.abs(cents).max()),
-            "rms before the fit": held["rms_cents_before"],
+            "rms before the fit": validation["rms_cents_before"],
             "modes": len(pairs),
             f"matched of {len(by_hand)} partials": float(listed),
-            "partials that match no mode": float(len(held["unmatched_partials_hz"])),
+            "partials that match no mode": float(len(validation["unmatched_partials_hz"])),
         },
         repeatability=f"{np.sqrt(np.mean(repeat**2)):.1f} cents rms from strikes to others",
         fitted=f"E / rho, Poisson's ratio and wall, to {strikes}",
@@ -85,11 +85,13 @@ def _fit(folder: Path, strikes: tuple[int, ...]) -> dict[str, Any]:
     return fit_sounds(files, FittingOfSound(material="ceramic"))
 
 
-def _common(fitted: dict[str, Any], held: dict[str, Any]) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+def _common(
+    fitted: dict[str, Any], validation: dict[str, Any]
+) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """Matches of the modes that both have."""
-    others = {row["mode"]: row for row in held["matched"]}
-    return [(row, others[row["mode"]]) for row in fitted["matched"] if row["mode"] in others]
+    matches = {row["mode"]: row for row in validation["matched"]}
+    return [(row, matches[row["mode"]]) for row in fitted["matched"] if row["mode"] in matches]
 
 
-def _is_pair(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    return bool(1200 * np.log2(other["mode_hz"] / one["mode_hz"]) < PAIR_CENTS)
+def _is_pair(low: dict[str, Any], high: dict[str, Any]) -> bool:
+    return bool(1200 * np.log2(high["mode_hz"] / low["mode_hz"]) < PAIR_CENTS)

@@ -73,15 +73,15 @@ def _tracking_row(measured: Path) -> Row:
     column, row, right, down = np.loadtxt(measured / "4.csv", delimiter=",", skiprows=1).T
     # Whole pixels, rounded down.
     listed = np.stack([row + down, column + right], axis=1) + 0.5
-    seen = tracking.pixels[0][np.isfinite(tracking.pixels[0, :, 0])]
-    away = cKDTree(seen).query(listed)[0]
+    dots = tracking.pixels[0][np.isfinite(tracking.pixels[0, :, 0])]
+    away = cKDTree(dots).query(listed)[0]
     return Row(
         sense="touch",
         thing="markers of a GelSight",
         quantity="dots under a ball, followed as by `objectfolder calibrate`; distance in pixels",
         figures={
             "listed": float(len(listed)),
-            "followed": float(len(seen)),
+            "followed": float(len(dots)),
             "median": float(np.median(away)),
             "rms": float(np.sqrt((away**2).mean())),
         },

@@ -80,12 +80,12 @@ def gelsight_rows(folder: Path) -> list[Row]:
     base = at_magnification(read_sensor("gelsight").at_resolution(320, 240), GELSIGHT_PIXELS_A_METRE)
     pictures, untouched = _photographs(folder)
     rows = []
-    for chosen, fewer, aims in (
+    for subset, fewer, aims in (
         (pictures, "", (Aim("mean", least=29.5), Aim("worst", least=26.0))),
         (pictures[::2], ", fitted to a quarter", (Aim("mean", least=26.5),)),
     ):
         start = cpu_seconds()
-        calibration = calibrate(chosen, untouched, base, BALL_M)
+        calibration = calibrate(subset, untouched, base, BALL_M)
         rows.append(_calibrated(f"GelSight of FOTS{fewer}", calibration, cpu_seconds() - start, aims))
     return rows
 
@@ -97,8 +97,8 @@ def _ball() -> FacePatches:
 
 def _photographs(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     paths = sorted(path for path in folder.glob("*.png") if path.stem != "background")
-    read = [np.asarray(Image.open(path).convert("RGB")) for path in (*paths, folder / "background.png")]
-    return np.stack(read[:-1]), read[-1]
+    images = [np.asarray(Image.open(path).convert("RGB")) for path in (*paths, folder / "background.png")]
+    return np.stack(images[:-1]), images[-1]
 
 
 def _repeatability(calibration: OwnCalibration) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record import REPOSITORY, conclude, cpu_seconds, kept, rows_of, spread
+from bench.record import REPOSITORY, conclude, cpu_seconds, measure_once, rows_of, spread
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
 from objectfolder.audio.air.transfer import AirTransfer
@@ -46,8 +46,8 @@ SCANS = ("005_tomato_soup_can", "042_adjustable_wrench")
 
 
 def directions() -> Floats:
-    drawn = np.random.default_rng(0).normal(size=(20, 3))
-    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+    vectors = np.random.default_rng(0).normal(size=(20, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def compared(heard: NDArray[np.complex128], true: NDArray[np.complex128]) -> dict[str, float]:
@@ -61,8 +61,8 @@ def compared(heard: NDArray[np.complex128], true: NDArray[np.complex128]) -> dic
     }
 
 
-def heard_at(found: Radiation, places: Floats) -> NDArray[np.complex128]:
-    transfer = AirTransfer.of(found)
+def heard_at(radiation: Radiation, places: Floats) -> NDArray[np.complex128]:
+    transfer = AirTransfer.of(radiation)
     return np.stack([transfer.pressures(place) for place in places])
 
 
@@ -92,16 +92,19 @@ def own(folder: Path) -> dict[str, Any]:
     surface, rows, reference_s = modes.boundary.surface, {}, 0.0
     for pair, edge_m in OWN:
         shapes = partial(modes.boundary.at, modes.vectors[:, :, list(pair)])
-        found = radiate(surface, shapes, modes.frequencies_hz[list(pair)])
-        heard = heard_at(found, found.centre_m + DISTANCE_M * directions())
-        measure = partial(own_reference, modes, pair, edge_m, found.centre_m)
-        kept_row = kept(folder / f"bempp_modes_{pair[0]}_{pair[1]}.json", measure)
-        true = np.array(kept_row["parts"][0]) + 1j * np.array(kept_row["parts"][1])
-        reference_s += kept_row["cpu_s"]
+        radiation = radiate(surface, shapes, modes.frequencies_hz[list(pair)])
+        heard = heard_at(radiation, radiation.centre_m + DISTANCE_M * directions())
+        measure = partial(own_reference, modes, pair, edge_m, radiation.centre_m)
+        reference = measure_once(folder / f"bempp_modes_{pair[0]}_{pair[1]}.json", measure)
+        true = np.array(reference["parts"][0]) + 1j * np.array(reference["parts"][1])
+        reference_s += reference["cpu_s"]
         for column, mode in enumerate(pair):
-            row = {**compared(heard[:, column], true[:, column]), "residual": float(found.residuals[column])}
+            row = {
+                **compared(heard[:, column], true[:, column]),
+                "residual": float(radiation.residuals[column]),
+            }
             hertz = float(modes.frequencies_hz[mode])
-            rows[f"own mode {mode + 1}, {hertz:.0f} Hz"] = {**row, "triangles": kept_row["triangles"]}
+            rows[f"own mode {mode + 1}, {hertz:.0f} Hz"] = {**row, "triangles": reference["triangles"]}
     return {"motions": rows, "reference_cpu_s": reference_s}
 
 
@@ -130,23 +133,23 @@ def cost(name: str, make: Callable[[], tuple[Surface, Material]]) -> dict[str, A
     """CPU seconds, bytes and stated errors of the air of all modes of an object."""
     surface, material = make()
     seconds: dict[str, float] = {}
-    wanted = {"max_modes": 128, "training_points": 100, "held_out_points": 10, "seed": 0}
-    modes = simulate_modes(surface, material, name=name, transfer="multipole", seconds=seconds, **wanted)
-    found = radiation_of(modes)
-    assert found is not None
-    stored = AirTransfer.of(found).tensors().values()
+    settings = {"max_modes": 128, "training_points": 100, "held_out_points": 10, "seed": 0}
+    modes = simulate_modes(surface, material, name=name, transfer="multipole", seconds=seconds, **settings)
+    radiation = radiation_of(modes)
+    assert radiation is not None
+    stored = AirTransfer.of(radiation).tensors().values()
     return {
-        "modes": len(found.residuals),
+        "modes": len(radiation.residuals),
         "air_cpu_s": seconds["air"],
         "bytes": sum(tensor.nbytes for tensor in stored),
-        "residuals": found.residuals.tolist(),
+        "residuals": radiation.residuals.tolist(),
     }
 
 
 def main() -> None:
     options = scan_arguments(__doc__, "rows").parse_args()
     folder, scans = options.folder, Scans(options.objects)
-    figures = {"bell_modes": kept(folder / "bell_modes.json", lambda: own(folder))}
+    figures = {"bell_modes": measure_once(folder / "bell_modes.json", lambda: own(folder))}
     figures["objects"] = costs(folder, scans)
     figures["objects_air_cpu_s"] = spread(figures["objects"].values(), "air_cpu_s", max)
     print(figures["bell_modes"], figures["objects_air_cpu_s"])

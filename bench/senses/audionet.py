@@ -37,9 +37,9 @@ PUBLISHED = {"stft": 0.19e-5, "envelope": 1.29e-4}
 
 def main() -> None:
     """Measure the objects."""
-    given = scan_arguments("AudioNet on real objects", "solved modes", only=OBJECTS).parse_args()
-    scans = Scans(given.objects)
-    table = rows_of(given.only, lambda name: measure(scans, name, given.folder), given.folder)
+    options = scan_arguments("AudioNet on real objects", "solved modes", only=OBJECTS).parse_args()
+    scans = Scans(options.objects)
+    table = rows_of(options.only, lambda name: measure(scans, name, options.folder), options.folder)
     columns = [key for key in next(iter(table.values())) if key != "commit"]
     figures = {
         "objects": table,
@@ -75,8 +75,12 @@ def main() -> None:
 def measure(scans: Scans, name: str, folder: Path) -> dict[str, float]:
     """Solve one object, fit it and measure the fit."""
     surface = scans.surface(name)
-    asked = {"max_modes": MOST_MODES, "training_points": TRAINING_POINTS, "held_out_points": HELD_OUT_POINTS}
-    modes = scans.modes(name, surface, folder / f"{name}.zarr.zip", seed=0, **asked)
+    settings = {
+        "max_modes": MOST_MODES,
+        "training_points": TRAINING_POINTS,
+        "held_out_points": HELD_OUT_POINTS,
+    }
+    modes = scans.modes(name, surface, folder / f"{name}.zarr.zip", seed=0, **settings)
     stored = decode_surface(encode_surface(surface))
     start = time.process_time()
     fitted = fit_audionet(stored, modes)

@@ -72,10 +72,10 @@ class Scans:
         """Return the cleaned surface and the material of an object."""
         return self.surface(name), self.material(name)
 
-    def modes(self, name: str, surface: Surface, path: Path, **asked: int) -> Product:
-        """Return the modes of an object, solved and kept in a file; `asked` as for `simulate_modes`."""
+    def modes(self, name: str, surface: Surface, path: Path, **settings: int) -> Product:
+        """Return the modes of an object, solved and kept in a file; `settings` as for `simulate_modes`."""
         if not path.exists():
-            modes = simulate_modes(surface, self.material(name), name=name, **asked)
+            modes = simulate_modes(surface, self.material(name), name=name, **settings)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_product(path, modes)
         return read_product(path)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import objectfolder
-from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, kept, rows_of, spread
+from bench.record import REPOSITORY, arguments, conclude, cpu_seconds, measure_once, rows_of, spread
 from objectfolder.fidelity.conditions import measure_conditions
 from objectfolder.making.views.conditions import render_conditions
 from objectfolder.making.views.render_request import unit_scene
@@ -34,8 +34,8 @@ def measured(data: Path, name: str, folder: Path) -> dict[str, Any]:
     """Return the row of an object of a finished data set."""
     file = objectfolder.load(data / "object_files" / f"{name}.safetensors")
     path = folder / f"{name}.views.zarr.zip"
-    made = folder / f"{name}.truth.json"
-    truth_cpu_s = kept(made, partial(_render, data, name, path))["cpu_s"]
+    record = folder / f"{name}.truth.json"
+    truth_cpu_s = measure_once(record, partial(_render, data, name, path))["cpu_s"]
     views = read_product(path)
     measure_conditions(file, views)  # the first query compiles
     start = cpu_seconds()
@@ -62,9 +62,11 @@ def main() -> None:
     """Measure everything that is not in the folder yet."""
     parser = arguments(__doc__, keeps="truths and rows", only=())
     parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
-    given = parser.parse_args()
-    names = given.only or sorted(path.stem for path in (given.data / "object_files").glob("*.safetensors"))
-    rows = rows_of(names, lambda name: measured(given.data, name, given.folder), given.folder / "rows")
+    options = parser.parse_args()
+    names = options.only or sorted(
+        path.stem for path in (options.data / "object_files").glob("*.safetensors")
+    )
+    rows = rows_of(names, lambda name: measured(options.data, name, options.folder), options.folder / "rows")
     keys = (f"{figure}_{name}_db" for figure in ("psnr", "noise_floor") for name in CONDITIONS)
     summary = {key: spread(rows.values(), key) for key in keys}
     summary |= {key: spread(rows.values(), key, max) for key in ("truth_cpu_s", "measures_cpu_s")}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record import arguments, conclude, kept
+from bench.record import arguments, conclude, measure_once
 from bench.senses.air import starter_set
 from objectfolder.audio.synthesis.collision import Collider, collide
 from objectfolder.audio.synthesis.hertz import STRIKERS, ContactBody
@@ -87,10 +87,12 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--folder", type=Path, required=True, help="where rows are kept")
     parser.add_argument("--only", nargs="+", default=OBJECTS, choices=OBJECTS)
-    given = parser.parse_args()
+    options = parser.parse_args()
     rows = {}
-    for name in given.only:
-        rows[name] = kept(given.folder / f"contact_{name}.json", partial(measure, given.folder, name))
+    for name in options.only:
+        rows[name] = measure_once(
+            options.folder / f"contact_{name}.json", partial(measure, options.folder, name)
+        )
         print(name, rows[name], flush=True)
     contacts = [row[striker] for row in rows.values() for striker in STRIKERS]
     off = [value for contact in contacts for value in contact["modal_share_off"]]

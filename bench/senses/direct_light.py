@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import arguments, conclude, kept
+from bench.record import arguments, conclude, measure_once
 from bench.senses.air import starter_set
 from bench.senses.catalogue import Scans
 from objectfolder.fidelity.sight import FOREGROUND_ALPHA
@@ -54,15 +54,15 @@ def main() -> None:
     parser.add_argument("--objects", type=Path, help="catalogue of meshes, CSV; the starter set if none")
     parser.add_argument("--only", nargs="+", default=list(OBJECTS), help="ids of the objects to measure")
     parser.add_argument("--folder", type=Path, required=True, help="where truths and rows are kept")
-    given = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        scans = Scans(given.objects) if given.objects else starter_set(Path(folder))
+        scans = Scans(options.objects) if options.objects else starter_set(Path(folder))
         rows = {
-            name: kept(
-                given.folder / f"{name}.json",
-                lambda at=name: Case(scans, at, given.folder / f"{at}.truth.npy").prices(),
+            name: measure_once(
+                options.folder / f"{name}.json",
+                lambda at=name: Case(scans, at, options.folder / f"{at}.truth.npy").prices(),
             )
-            for name in given.only
+            for name in options.only
         }
     settings = {
         "resolution_px": RESOLUTION,

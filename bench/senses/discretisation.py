@@ -93,8 +93,8 @@ def tetwild(surface: Surface) -> Solid:
     with tempfile.TemporaryDirectory() as folder:  # it leaves files where it runs
         np.savez(Path(folder) / "in.npz", vertices=surface.vertices, faces=surface.faces.astype(np.int32))
         subprocess.run([sys.executable, "-c", TETWILD], cwd=folder, check=True, capture_output=True)
-        with np.load(Path(folder) / "out.npz") as made:
-            return clean(made["vertices"], made["tetrahedra"].astype(np.int64), {})
+        with np.load(Path(folder) / "out.npz") as arrays:
+            return clean(arrays["vertices"], arrays["tetrahedra"].astype(np.int64), {})
 
 
 def meshed(make: Callable[[], Solid]) -> Callable[[], tuple[Solid, float]]:

@@ -44,7 +44,7 @@ print(json.dumps([*spent, compiled]))
 COMPARED = "CPU seconds of the first query in a fresh installation, in a new process, and of the next"
 
 
-def asked(query: str, folder: str = ".", **environment: str) -> list[float]:
+def time_queries(query: str, folder: str = ".", **environment: str) -> list[float]:
     """CPU seconds of the first and the second query of a process, and how many kernels it compiled."""
     plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
     done = subprocess.run(
@@ -55,26 +55,26 @@ def asked(query: str, folder: str = ".", **environment: str) -> list[float]:
     return numbers
 
 
-def asked_of_wheel(query: str, wheel: Path) -> list[float]:
-    """What `asked` returns, of the wheel as it is unpacked."""
+def time_queries_of_wheel(query: str, wheel: Path) -> list[float]:
+    """What `time_queries` returns, of the wheel as it is unpacked."""
     with tempfile.TemporaryDirectory() as site:
         with ZipFile(wheel) as archive:
             archive.extractall(site)
-        return asked(query, site, PYTHONPATH=site)
+        return time_queries(query, site, PYTHONPATH=site)
 
 
 def measured(query: str, rounds: int, wheel: Path) -> dict[str, Any]:
     """Least CPU seconds of some fresh installations."""
-    fresh, known, of_wheel = [], [], [asked_of_wheel(query, wheel) for _ in range(rounds)]
+    fresh, warm, of_wheel = [], [], [time_queries_of_wheel(query, wheel) for _ in range(rounds)]
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as cache:
-            fresh.append(asked(query, NUMBA_CACHE_DIR=cache))
-            known.append(asked(query, NUMBA_CACHE_DIR=cache))
+            fresh.append(time_queries(query, NUMBA_CACHE_DIR=cache))
+            warm.append(time_queries(query, NUMBA_CACHE_DIR=cache))
     return {
         "fresh_installation_cpu_s": min(first for first, _, _ in fresh),
         "all_fresh_installations_cpu_s": [first for first, _, _ in fresh],
-        "new_process_cpu_s": min(first for first, _, _ in known),
-        "next_query_cpu_s": min(second for _, second, _ in fresh + known),
+        "new_process_cpu_s": min(first for first, _, _ in warm),
+        "next_query_cpu_s": min(second for _, second, _ in fresh + warm),
         "kernels_compiled": fresh[0][2],
         "fresh_wheel_cpu_s": min(first for first, _, _ in of_wheel),
         "all_fresh_wheels_cpu_s": [first for first, _, _ in of_wheel],

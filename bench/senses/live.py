@@ -158,8 +158,8 @@ def with_modes(modes: int) -> ObjectFile:
         "audio.coefficients": pack_matrix(shapes.reshape(len(shapes), -1)),
     }
     net = AudioNet.from_tensors(tensors, net.metadata() | {"modes": modes}, file.surface)
-    kept = {name: tensor for name, tensor in file.content().tensors.items() if not name.startswith("audio.")}
-    tensors = kept | tensors
+    rest = {name: tensor for name, tensor in file.content().tensors.items() if not name.startswith("audio.")}
+    tensors = rest | tensors
     return ObjectFile(file.surface, file.frame, file.vision, net, file.touch.net, file.description, tensors)
 
 
@@ -186,7 +186,7 @@ def ringing(file: ObjectFile, count: int) -> dict[str, Any]:
         "modes_of_a_body": len(file.modes.frequencies_hz),
         "real_time_factor": length_s / spent["all"],
         "real_time_factor_between_strikes": length_s / (spent["all"] - spent["strikes"]),
-        "cpu_s_per_second": {name: one / length_s for name, one in spent.items()},
+        "cpu_s_per_second": {name: cpu_s / length_s for name, cpu_s in spent.items()},
     }
 
 

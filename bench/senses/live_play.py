@@ -102,7 +102,7 @@ def played(seconds: float) -> dict[str, Any]:
         "views": due["views"],
         "lifted_m": float(world.pose("0_mug")[2, 3]),
         "real_time_factor": now_s / sum(spent.values()),
-        "cpu_s_per_second": {name: one / now_s for name, one in spent.items()},
+        "cpu_s_per_second": {name: cpu_s / now_s for name, cpu_s in spent.items()},
         "largest_lag_s": largest_s,
     }
 
@@ -115,12 +115,12 @@ def queries() -> dict[str, float]:
         cameras, lights = file.sample_views(QUERIES, seed=0)
         points, normals = file.sample_contacts(QUERIES, seed=0)
         for camera, light, point, normal in zip(cameras, lights, points, normals, strict=True):
-            asked = (
+            calls = (
                 lambda camera=camera, light=light, file=file: file.render(camera, light, 256),
                 lambda point=point, normal=normal, file=file: file.strike(point, -normal, duration_s=3.0),
                 lambda point=point, file=file: file.press(point, 0.001),
             )
-            for name_of, ask in zip(spent, asked, strict=True):
+            for name_of, ask in zip(spent, calls, strict=True):
                 begun_s = process_time()
                 ask()
                 spent[name_of].append(1e3 * (process_time() - begun_s))

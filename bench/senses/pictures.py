@@ -99,14 +99,14 @@ def sight(products: list[Product]) -> np.ndarray:
 
 def touch(products: list[Product]) -> np.ndarray:
     """Truth, Object File and difference of the largest contact of the objects with the largest, uint8."""
-    found = []
+    contacts = []
     for product in products:
         truth = product["touch_truth"].astype(np.float64)
         spread = truth.reshape(len(truth), -1).std(axis=1)
         index = int(spread.argmax())
-        found.append((-spread[index], product["touch_truth"][index], product["touch_answer"][index]))
-    found.sort(key=lambda item: item[0])
-    rows = [np.concatenate([t, a, difference_picture(t, a)], axis=1) for _, t, a in found[:TOUCHED]]
+        contacts.append((-spread[index], product["touch_truth"][index], product["touch_answer"][index]))
+    contacts.sort(key=lambda item: item[0])
+    rows = [np.concatenate([t, a, difference_picture(t, a)], axis=1) for _, t, a in contacts[:TOUCHED]]
     return np.concatenate(rows, axis=1)
 
 
@@ -158,15 +158,15 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--data", type=Path, default=REPOSITORY / "data", help="of a finished data set")
     parser.add_argument("--strike", default="mug", help="object whose sound is drawn")
-    given = parser.parse_args()
+    options = parser.parse_args()
     products = {
         path.name.partition(".")[0]: read_product(path)
-        for path in sorted((given.data / "fidelity").glob("*.zarr.zip"))
+        for path in sorted((options.data / "fidelity").glob("*.zarr.zip"))
     }
     folder = REPOSITORY / "docs"
-    draw_hero(folder / "hero.png", products, given.strike)
+    draw_hero(folder / "hero.png", products, options.strike)
     pyplot.imsave(folder / "live_sight.png", table((360, 480)))
     draw_fall(folder / "demo.webp")
     pyplot.imsave(folder / "sight.png", sight(list(products.values())))
     pyplot.imsave(folder / "touch.png", touch(list(products.values())))
-    draw_strike(folder / "sound.png", products[given.strike], given.strike)
+    draw_strike(folder / "sound.png", products[options.strike], options.strike)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.record import arguments, conclude, cpu_seconds, kept
+from bench.record import arguments, conclude, cpu_seconds, measure_once
 from bench.senses.air import starter_set
 from objectfolder.audio.air.multipoles import DENSITY_KG_M3, SOUND_SPEED_M_S
 from objectfolder.audio.synthesis.air import quadrupole_efficiency
@@ -87,10 +87,10 @@ def differences(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    given = arguments(__doc__, keeps="rows", only=OBJECTS).parse_args()
+    options = arguments(__doc__, keeps="rows", only=OBJECTS).parse_args()
     rows = {}
-    for name in given.only:
-        row = kept(given.folder / f"loss_{name}.json", partial(measure, given.folder, name))
+    for name in options.only:
+        row = measure_once(options.folder / f"loss_{name}.json", partial(measure, options.folder, name))
         rows[name] = differences(row)
         print(
             name, {key: value for key, value in rows[name].items() if not isinstance(value, list)}, flush=True

@@ -39,10 +39,10 @@ def table() -> Any:
 
 def add_body(spec: Any, name: str, file: ObjectFile, **pose: Any) -> Any:
     """Add a free body with an object's mass and inertia, without a shape, and return it."""
-    known = file.description["body"]
+    inertial = file.description["body"]
     body = spec.worldbody.add_body(name=name, **pose)
     body.add_freejoint()
-    body.mass, body.ipos, body.explicitinertial = known["mass_kg"], known["centre_of_mass_m"], True
-    (a, d, e), (_, b, f), (_, _, c) = known["inertia_kg_m2"]
+    body.mass, body.ipos, body.explicitinertial = inertial["mass_kg"], inertial["centre_of_mass_m"], True
+    (a, d, e), (_, b, f), (_, _, c) = inertial["inertia_kg_m2"]
     body.fullinertia = [a, b, c, d, e, f]
     return body

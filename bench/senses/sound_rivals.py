@@ -110,11 +110,11 @@ def ways(surface: Surface, truth: Product) -> dict[str, Any]:
 
 
 def main() -> None:
-    given = scan_arguments("AudioNet against the published ways", "solved modes", only=OBJECTS).parse_args()
-    scans, figures = Scans(given.objects), {}
-    for name in given.only:
+    options = scan_arguments("AudioNet against the published ways", "solved modes", only=OBJECTS).parse_args()
+    scans, figures = Scans(options.objects), {}
+    for name in options.only:
         surface = scans.surface(name)
-        truth = scans.modes(name, surface, given.folder / f"{name}.zarr.zip", seed=SEED, **MODES)
+        truth = scans.modes(name, surface, options.folder / f"{name}.zarr.zip", seed=SEED, **MODES)
         figures[name] = {"modes": len(truth["eigenvalues"]), "ways": ways(surface, truth)}
         print(name, figures[name], flush=True)
     settings = {

@@ -64,13 +64,13 @@ def measure(name: str) -> dict[str, Any]:
     spent = cpu_seconds() - start
     geometry = product.attributes["geometry_error_estimate_cents"] or 0.0
     stated = product["error_estimates_cents"] + geometry
-    found = compare(np.sqrt(product["eigenvalues"]) / (2 * np.pi), reference_hz)
+    comparison = compare(np.sqrt(product["eigenvalues"]) / (2 * np.pi), reference_hz)
     certificate = product.attributes["count_certificate"]
     return {
         "material": material.name,
-        **found,
+        **comparison,
         "reached": product.attributes["accuracy_reached"],
-        "stated_cents": np.round(stated[: found["compared"]], 3).tolist(),
+        "stated_cents": np.round(stated[: comparison["compared"]], 3).tolist(),
         "near_limit": {key: value for key, value in certificate.items() if "within_error" in key},
         "unknowns": product.attributes["discretisation"]["unknowns"],
         "cpu_s": spent,
@@ -108,7 +108,7 @@ def together(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    given = arguments(__doc__, keeps="rows", only=[*BODIES, *CUBOIDS]).parse_args()
-    rows = rows_of(given.only, measure, given.folder)
+    options = arguments(__doc__, keeps="rows", only=[*BODIES, *CUBOIDS]).parse_args()
+    rows = rows_of(options.only, measure, options.folder)
     settings = {"max_frequency_hz": MAX_FREQUENCY_HZ, "accuracy_cents": ACCURACY_CENTS, "radiation": SPHERE}
     conclude("stated_errors", figures(rows), settings, COMPARED)

@@ -35,30 +35,30 @@ def main() -> None:
     parser.add_argument("--training-touches", type=int, default=300)
     parser.add_argument("--held-out-touches", type=int, default=24)
     parser.add_argument("--rounds", type=int, default=3)
-    given = parser.parse_args()
-    scans = Scans(given.objects)
+    options = parser.parse_args()
+    scans = Scans(options.objects)
     os.environ["NUMBA_NUM_THREADS"] = "1"
     import torch
 
     torch.set_num_threads(1)
     from bench.senses.touch_ways import measure_encoding, measure_ways
 
-    fitted = given.speed_objects[: given.network_objects]
+    fitted = options.speed_objects[: options.network_objects]
     speed = rows_of(
-        given.speed_objects,
-        lambda name: measure_ways(given, scans.surface(name), name, name in fitted),
-        given.folder / "speed",
+        options.speed_objects,
+        lambda name: measure_ways(options, scans.surface(name), name, name in fitted),
+        options.folder / "speed",
     )
     encoded = rows_of(
-        given.encoded_objects,
+        options.encoded_objects,
         lambda name: measure_encoding(scans.surface(name), name),
-        given.folder / "encoding",
+        options.folder / "encoding",
     )
     rows = {"speed": list(speed.values()), "encoding": list(encoded.values())}
     figures = {"summary": summarised(**rows), "rows": rows}
     print(json.dumps(figures["summary"], indent=1))
-    options = {name: value for name, value in vars(given).items() if name not in ("folder", "objects")}
-    conclude("touch", figures, options | SETTINGS, COMPARED)
+    settings = {name: value for name, value in vars(options).items() if name not in ("folder", "objects")}
+    conclude("touch", figures, settings | SETTINGS, COMPARED)
 
 
 def summarised(speed: list[Row], encoding: list[Row]) -> Row:

@@ -68,17 +68,19 @@ def main() -> None:
     parser.add_argument("--python", type=Path, required=True, help="of the environment that has TACTO")
     parser.add_argument("--poses", type=int, default=8, help="of each object")
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
-    scans = Scans(given.objects)
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    scans = Scans(options.objects)
     rows: list[dict[str, Any]] = []
     driver = ""
-    for index, name in enumerate(given.only):
+    for index, name in enumerate(options.only):
         surface = scans.surface(name)
         for normals in NORMALS:
             shaded = surface if normals == "crease" else VertexShaded(surface.vertices, surface.faces)
-            request = _request(given, index, shaded)
-            truth = _truth(given, f"{name}_{normals}_{given.poses}_{given.seed}", shaded, request["poses"])
+            request = _request(options, index, shaded)
+            truth = _truth(
+                options, f"{name}_{normals}_{options.poses}_{options.seed}", shaded, request["poses"]
+            )
             driver = str(truth["driver"])
             rows += _measured(name, normals, shaded, request, truth)
             if normals == "vertex":
@@ -86,22 +88,22 @@ def main() -> None:
             print(name, normals, "compared", flush=True)
     summary = summarised(rows)
     print(summary)
-    conclude("touch_tacto", {"summary": summary}, _settings(given, driver), COMPARED)
+    conclude("touch_tacto", {"summary": summary}, _settings(options, driver), COMPARED)
 
 
-def _request(given: argparse.Namespace, index: int, surface: Surface) -> dict[str, np.ndarray]:
+def _request(options: argparse.Namespace, index: int, surface: Surface) -> dict[str, np.ndarray]:
     """Poses, depths and tilts of presses at points drawn evenly over the area, where the sensor can stand."""
-    random = np.random.default_rng([given.seed, index])
-    count = 4 * given.poses
+    random = np.random.default_rng([options.seed, index])
+    count = 4 * options.poses
     depth = random.uniform(*DEPTH_M, count)
     # Every other press leans.
     tilt = np.where(np.arange(count) % 2 == 1, random.uniform(0, TILT_DEG, count), 0.0)
     azimuth = random.uniform(0, 360, count)
-    points = surface.sample(count, given.seed).points
+    points = surface.sample(count, options.seed).points
     touches = press(
         surface, Sensor(), points, Press(depth_m=depth, tilt_deg=tilt, azimuth_deg=azimuth, samples=1)
     )
-    standing = np.flatnonzero(touches.penetration_m > 0)[: given.poses]
+    standing = np.flatnonzero(touches.penetration_m > 0)[: options.poses]
     return {
         "poses": touches.sensor_to_object[standing],
         "depth_m": depth[standing],
@@ -110,12 +112,14 @@ def _request(given: argparse.Namespace, index: int, surface: Surface) -> dict[st
     }
 
 
-def _truth(given: argparse.Namespace, key: str, surface: Surface, poses: np.ndarray) -> dict[str, np.ndarray]:
+def _truth(
+    options: argparse.Namespace, key: str, surface: Surface, poses: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return what TACTO draws; see `touch_tacto_renderer`."""
-    request, result = given.folder / f"{key}.request.npz", given.folder / f"{key}.tacto.npz"
+    request, result = options.folder / f"{key}.request.npz", options.folder / f"{key}.tacto.npz"
     if result.exists():
-        with np.load(request) as asked:
-            fresh = not np.array_equal(asked["poses"], poses)
+        with np.load(request) as archive:
+            fresh = not np.array_equal(archive["poses"], poses)
         if fresh:
             result.unlink()
     if not result.exists():
@@ -129,13 +133,13 @@ def _truth(given: argparse.Namespace, key: str, surface: Surface, poses: np.ndar
             }
         np.savez(request, poses=poses, **mesh)
         script = REPOSITORY / "bench" / "rivals" / "touch" / "tacto_renderer.py"
-        subprocess.run([str(given.python), str(script), str(request), str(result)], check=True)
-    with np.load(result) as found:
-        truth = {name: found[name] for name in found.files}
-    drawn = truth["normals"] if isinstance(surface, VertexShaded) else truth["normals"].reshape(-1, 3, 3)
+        subprocess.run([str(options.python), str(script), str(request), str(result)], check=True)
+    with np.load(result) as arrays:
+        truth = {name: arrays[name] for name in arrays.files}
+    normals = truth["normals"] if isinstance(surface, VertexShaded) else truth["normals"].reshape(-1, 3, 3)
     ours = surface.vertex_normals if isinstance(surface, VertexShaded) else surface.corner_normals
     used = np.unique(surface.faces) if isinstance(surface, VertexShaded) else slice(None)
-    if not np.allclose(drawn[used], ours[used], atol=1e-4):
+    if not np.allclose(normals[used], ours[used], atol=1e-4):
         raise RuntimeError(f"{key}: TACTO drew other normals than were compared")
     return truth
 
@@ -203,14 +207,14 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
     return spreads
 
 
-def _settings(given: argparse.Namespace, driver: str) -> dict[str, Any]:
+def _settings(options: argparse.Namespace, driver: str) -> dict[str, Any]:
     return {
-        "objects": given.only,
-        "poses_an_object": given.poses,
+        "objects": options.only,
+        "poses_an_object": options.poses,
         "points": "drawn evenly over the area; every other press leans by up to 15 degrees; where the "
         "sensor cannot stand it is left out; the summary is of presses in which either sees the object",
         "depth_m": DEPTH_M,
-        "seed": given.seed,
+        "seed": options.seed,
         "normals": {
             "vertex": "one a vertex, averaged over all faces round it, as TACTO's loader makes them",
             "crease": "this project's, averages of faces within a crease, carried by the mesh TACTO draws",

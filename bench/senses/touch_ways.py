@@ -34,12 +34,12 @@ ENCODED_TOUCHES, PAIRS = 24, 20
 Row = dict[str, Any]
 
 
-def measure_ways(given: argparse.Namespace, surface: Surface, name: str, networks: bool) -> Row:
+def measure_ways(options: argparse.Namespace, surface: Surface, name: str, networks: bool) -> Row:
     """Return an object's row.
 
     Parameters
     ----------
-    given
+    options
         Settings of `bench.senses.touch`.
     networks
         Fit and measure the papers' networks, too.
@@ -48,8 +48,8 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
     touches = simulate_touches(
         surface,
         sensor,
-        touches=given.training_touches if networks else 1,
-        held_out_touches=given.held_out_touches,
+        touches=options.training_touches if networks else 1,
+        held_out_touches=options.held_out_touches,
         samples=2,
         seed=0,
     )
@@ -71,7 +71,7 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
     opengl: list[float] = []
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         drawings = np.zeros_like(truth.rgb)
-        for turn in range(given.rounds):
+        for turn in range(options.rounds):
             shift = turn % len(SAMPLES)
             for samples in SAMPLES[shift:] + SAMPLES[:shift]:
                 start = time.process_time()
@@ -91,7 +91,7 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
         {"way": "no contact", "setting": None} | error(untouched),
     ]
     if networks:
-        rows += [network_row(way, touches, queries, error, given.network_cpu_s) for way in RIVALS]
+        rows += [network_row(way, touches, queries, error, options.network_cpu_s) for way in RIVALS]
         mean = np.rint(touches["rgb"][~touches["held_out"]].mean(axis=0, dtype=np.float64))
         image = np.broadcast_to(mean.astype(np.uint8), truth.rgb.shape)
         rows.append({"way": "mean image", "setting": None, "bytes": image[0].nbytes} | error(image))
@@ -101,15 +101,15 @@ def measure_ways(given: argparse.Namespace, surface: Surface, name: str, network
         "set_up_cpu_s": prepared,
         "reachable": float(truth.reachable.mean()),
         "ways": rows,
-        "sizes": sizes(patches, sensor, queries, given.rounds),
+        "sizes": sizes(patches, sensor, queries, options.rounds),
         "elastic_touches_a_cpu_s": elastic(patches, sensor, queries["points"]),
     }
 
 
 def pressed(queries: Row, samples: int) -> tuple[np.ndarray, Press]:
     """Points, and how to press there."""
-    held = {name: values for name, values in queries.items() if name != "points"}
-    return queries["points"], Press(**held, samples=samples)
+    settings = {name: values for name, values in queries.items() if name != "points"}
+    return queries["points"], Press(**settings, samples=samples)
 
 
 def network_row(

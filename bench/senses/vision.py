@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import REPOSITORY, conclude, cpu_seconds, kept
+from bench.record import REPOSITORY, conclude, cpu_seconds, measure_once
 from bench.rivals.vision.scattering_training import fit_scattering_function
 from bench.rivals.vision.textures import SHADINGS, TexturedSurface
 from bench.senses.catalogue import Scans, scan_arguments
@@ -62,40 +62,42 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="renders of each view by each way")
     parser.add_argument("--network-cpu-s", type=float, default=120.0, help="training of the paper's network")
     parser.add_argument("--network-objects", type=int, default=1, help="for how many of the objects")
-    given = parser.parse_args()
-    if not given.only:
+    options = parser.parse_args()
+    if not options.only:
         parser.error("name the objects to measure by --only")
-    scans = Scans(given.objects)
+    scans = Scans(options.objects)
     os.environ["NUMBA_NUM_THREADS"] = "1"
     import torch
 
     torch.set_num_threads(1)
-    for size in given.sizes:
-        for index, name in enumerate(given.only):
-            network = index < given.network_objects
-            kept(
-                given.folder / f"{name}_{size}.row.json",
-                lambda at=name, of=size, network=network: Case(given, scans, at, of).measure(network),
+    for size in options.sizes:
+        for index, name in enumerate(options.only):
+            network = index < options.network_objects
+            measure_once(
+                options.folder / f"{name}_{size}.row.json",
+                lambda at=name, of=size, network=network: Case(options, scans, at, of).measure(network),
             )
     # Of earlier runs too, so that sizes and objects can be measured in parts.
-    rows = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(given.folder.glob("*.row.json"))]
-    record = "vision_known" if given.material == "known" else "vision"
-    conclude(record, figures_of(rows), settings(given, rows), COMPARED)
+    rows = [
+        json.loads(path.read_text(encoding="utf-8")) for path in sorted(options.folder.glob("*.row.json"))
+    ]
+    record = "vision_known" if options.material == "known" else "vision"
+    conclude(record, figures_of(rows), settings(options, rows), COMPARED)
 
 
-def settings(given: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def settings(options: argparse.Namespace, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "objects": sorted({row["object"] for row in rows}),
         "sizes": sorted({row["size"] for row in rows}),
-        "training": f"{given.training_views} views at {TRAINING_SAMPLES} samples",
-        "material": given.material,
-        "held_out": f"{given.held_out_views} views at {TRUTH_SAMPLES} samples, cameras and lights unseen",
+        "training": f"{options.training_views} views at {TRAINING_SAMPLES} samples",
+        "material": options.material,
+        "held_out": f"{options.held_out_views} views at {TRUTH_SAMPLES} samples, cameras and lights unseen",
         "times": "CPU seconds of one view, one thread, medians over views and rounds, ways interleaved",
         "cycles_times": "within its process after the first view, the scene kept; and with the process, "
         "the scene's set-up and Blender's start, as a view asked for alone costs",
-        "rounds": given.rounds,
+        "rounds": options.rounds,
         "paper_network": {
-            "training": f"{given.network_cpu_s} CPU s of views of {min(given.sizes)} pixels a side",
+            "training": f"{options.network_cpu_s} CPU s of views of {min(options.sizes)} pixels a side",
             "rays_a_step": NETWORK_BATCH_RAYS,
             "time": f"of {NETWORK_RAYS} rays spread over the held-out views, scaled to a whole image",
             "error": "of those pixels, squared errors pooled; no SSIM",
@@ -110,23 +112,23 @@ class CyclesRenders:
     """Images at one sample count, and CPU seconds of views in a running process and of processes for one."""
 
     images: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    kept: list[float] = field(default_factory=list)
-    alone: list[float] = field(default_factory=list)
+    view_cpu_s: list[float] = field(default_factory=list)
+    process_cpu_s: list[float] = field(default_factory=list)
 
 
-def counts(given: argparse.Namespace, size: int) -> ViewCounts:
+def counts(options: argparse.Namespace, size: int) -> ViewCounts:
     """Return how many views of a size there are."""
-    return ViewCounts(size, given.training_views, TRAINING_SAMPLES, given.held_out_views, TRUTH_SAMPLES)
+    return ViewCounts(size, options.training_views, TRAINING_SAMPLES, options.held_out_views, TRUTH_SAMPLES)
 
 
 class Case:
     """One object at one size."""
 
-    def __init__(self, given: argparse.Namespace, scans: Scans, name: str, size: int) -> None:
-        self.given, self.name, self.size = given, name, size
+    def __init__(self, options: argparse.Namespace, scans: Scans, name: str, size: int) -> None:
+        self.options, self.name, self.size = options, name, size
         self.subjects = {
-            pixels: Subject(scans, name, given.folder, counts(given, pixels), given.material)
-            for pixels in {size, min(given.sizes)}
+            pixels: Subject(scans, name, options.folder, counts(options, pixels), options.material)
+            for pixels in {size, min(options.sizes)}
         }
         self.subject = subject = self.subjects[size]
         self.source_bytes = sum(path.stat().st_size for path in scans.folder(name).iterdir())
@@ -147,13 +149,13 @@ class Case:
             textured = TexturedSurface(self.subject.mesh, self.subject.frame, shading, power)
             answers[f"{shading} texture", None] = self._answer(textured.render)
         images, seconds, ways = self._timed(answers)
-        for (way_name, setting), found in images.items():
+        for (way_name, setting), image in images.items():
             ours = way_name.startswith("VisionNet")
             ways.append(
                 {
                     "way": way_name,
                     "setting": setting,
-                    **self._error(on_white(found)),
+                    **self._error(on_white(image)),
                     "cpu_s": float(np.median(seconds[way_name, setting])),
                     "bytes": costs["bytes"] if ours else self.source_bytes,
                 }
@@ -173,8 +175,8 @@ class Case:
             "size": self.size,
             "roughness": self.subject.appearance.roughness,
             "metallic": self.subject.appearance.metallic,
-            "training_views": self.given.training_views,
-            "rounds": self.given.rounds,
+            "training_views": self.options.training_views,
+            "rounds": self.options.rounds,
             "covered_share": float((self.rgba[..., 3] > 0).mean()),
             "truth_noise_floor_db": self.attributes["noise_floor_db"],
             "truth_noise_floor_foreground_db": self.attributes["noise_floor_foreground_db"],
@@ -191,9 +193,9 @@ class Case:
         random = np.random.default_rng(0)
         cameras = look_at(uniform_on_sphere(BATCH, CAMERA_RADIUS, random))
         lights = uniform_on_sphere(BATCH, LIGHT_RADIUS, random)
-        given, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0))
+        threads, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, len(os.sched_getaffinity(0))
         ratios = []
-        for _ in range(self.given.rounds):
+        for _ in range(self.options.rounds):
             single, many = (next(self.nudges) * lights for _ in range(2))
             start = time.perf_counter()
             for view in range(BATCH):
@@ -201,7 +203,7 @@ class Case:
             middle = time.perf_counter()
             net.render(cameras, many, self.size, self.field_of_view_deg)
             ratios.append((middle - start) / (time.perf_counter() - middle))
-        processors, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, given
+        processors, config.NUMBA_NUM_THREADS = config.NUMBA_NUM_THREADS, threads
         times = {"median": float(np.median(ratios)), "least": min(ratios)}
         return {"views": BATCH, "processors": processors, **times}
 
@@ -224,53 +226,53 @@ class Case:
 
         Cycles' processes, one a sample count, take their turn after each round of the others.
         """
-        cycles = {samples: CyclesRenders() for samples in self.given.cycles_samples}
+        cycles = {samples: CyclesRenders() for samples in self.options.cycles_samples}
         images = {key: np.zeros(self.rgba.shape, dtype=np.float32) for key in answers}
         seconds: dict[tuple[str, int | None], list[float]] = {key: [] for key in answers}
         keys = list(answers)
         for key in keys:
             answers[key](0)
-        for turn in range(self.given.rounds):
+        for turn in range(self.options.rounds):
             for view in range(len(self.cameras)):
                 shift = (turn * len(self.cameras) + view) % len(keys)
                 for key in keys[shift:] + keys[:shift]:
                     start = time.process_time()
                     images[key][view] = answers[key](view)
                     seconds[key].append(time.process_time() - start)
-            for samples, found in cycles.items():
-                self._render_by_cycles(samples, turn, found)
+            for samples, renders in cycles.items():
+                self._render_by_cycles(samples, turn, renders)
         rows = [
             {
                 "way": "Cycles",
                 "setting": samples,
-                **self._error(on_white(found.images)),
-                "cpu_s": float(np.median(found.kept)),
-                "cpu_s_alone": float(np.median(found.alone)),
+                **self._error(on_white(renders.images)),
+                "cpu_s": float(np.median(renders.view_cpu_s)),
+                "cpu_s_alone": float(np.median(renders.process_cpu_s)),
                 "bytes": self.source_bytes,
             }
-            for samples, found in cycles.items()
+            for samples, renders in cycles.items()
         ]
         return images, seconds, rows
 
     def _error(self, answer: np.ndarray) -> dict[str, Any]:
-        found = measure_sight(on_white(self.rgba), self.rgba[..., 3] >= FOREGROUND_ALPHA, answer)
-        return {key: found[key] for key in ("psnr_db", "psnr_foreground_db", "ssim")}
+        scores = measure_sight(on_white(self.rgba), self.rgba[..., 3] >= FOREGROUND_ALPHA, answer)
+        return {key: scores[key] for key in ("psnr_db", "psnr_foreground_db", "ssim")}
 
-    def _render_by_cycles(self, samples: int, turn: int, found: "CyclesRenders") -> None:
-        """Render one view alone, then all in one process, and add the seconds to `found`."""
+    def _render_by_cycles(self, samples: int, turn: int, renders: "CyclesRenders") -> None:
+        """Render one view alone, then all in one process, and add the seconds to `renders`."""
         seeds = self.subject.held_out("seed") ^ OWN_SEED
-        one = turn % len(self.cameras)
-        for views in (slice(one, one + 1), slice(None)):
+        view = turn % len(self.cameras)
+        for views in (slice(view, view + 1), slice(None)):
             shots = Shots(
                 self.cameras[views], self.lights[views], seeds[views], samples, self.size, self.size,
                 self.field_of_view_deg, float(self.attributes["light_power_w"]),
             )  # fmt: skip
             images, within, whole = self._in_child(shots)
             if views == slice(None):
-                found.images = images
-                found.kept.extend(within[1:])
+                renders.images = images
+                renders.view_cpu_s.extend(within[1:])
             else:
-                found.alone.append(whole)
+                renders.process_cpu_s.append(whole)
 
     def _in_child(self, shots: Shots) -> tuple[np.ndarray, np.ndarray, float]:
         """Return images, CPU seconds of each view, and those of the whole process."""
@@ -285,13 +287,13 @@ class Case:
                 check=True,
             )
             whole = cpu_seconds() - start
-            with np.load(result) as found:
-                return found["images"], found["cpu_s"], whole
+            with np.load(result) as arrays:
+                return arrays["images"], arrays["cpu_s"], whole
 
     def _paper_network(self) -> dict[str, Any]:
-        views = self.subjects[min(self.given.sizes)].views
+        views = self.subjects[min(self.options.sizes)].views
         fitted = fit_scattering_function(
-            views, budget_cpu_s=self.given.network_cpu_s, batch_rays=NETWORK_BATCH_RAYS
+            views, budget_cpu_s=self.options.network_cpu_s, batch_rays=NETWORK_BATCH_RAYS
         )
         generator = np.random.default_rng(0)
         errors, covered, seconds = [], [], []
@@ -301,9 +303,9 @@ class Case:
             start = time.process_time()
             answer = fitted.pixels(camera, light, pixels, self.size, self.field_of_view_deg)
             seconds.append((time.process_time() - start) / count * self.size**2)
-            chosen = truth.reshape(-1, 4)[pixels]
-            errors.append((composite_on_white(chosen) - composite_on_white(answer)) ** 2)
-            covered.append(chosen[:, 3] >= FOREGROUND_ALPHA)
+            colours = truth.reshape(-1, 4)[pixels]
+            errors.append((composite_on_white(colours) - composite_on_white(answer)) ** 2)
+            covered.append(colours[:, 3] >= FOREGROUND_ALPHA)
         squares, foreground = np.concatenate(errors), np.concatenate(covered)
         assert fitted.training is not None
         return {

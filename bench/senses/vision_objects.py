@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import conclude, cpu_seconds, kept, rows_of, spread
+from bench.record import conclude, cpu_seconds, measure_once, rows_of, spread
 from bench.senses.catalogue import MATERIALS, Scans, scan_arguments, scan_set
 from bench.senses.subject import Subject, ViewCounts, errors
 from objectfolder.fidelity.sight import trivial_answer
@@ -61,9 +61,9 @@ def chain(links: int = 9, across: int = 64, around: int = 24) -> TexturedMesh:
         0.0035 * np.sin(v),
     )
     link = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    here, right = along * around + turn, (along + 1) % across * around + turn
+    corner, right = along * around + turn, (along + 1) % across * around + turn
     up, both = along * around + (turn + 1) % around, (along + 1) % across * around + (turn + 1) % around
-    corners = np.stack([here, right, both, here, both, up], axis=-1).reshape(-1, 3)
+    corners = np.stack([corner, right, both, corner, both, up], axis=-1).reshape(-1, 3)
     vertices = [
         link[:, [0, 2, 1] if index % 2 else [0, 1, 2]] + [0.024 * index, 0, 0] for index in range(links)
     ]
@@ -106,19 +106,19 @@ def main() -> None:
     which.add_argument("--hard", action="store_true", help="hard scans")
     which.add_argument("--all", action="store_true", help="all scans of the table")
     parser.add_argument("--learned", action="store_true", help="by a network of 100 views")
-    given = parser.parse_args()
-    material, scans = "learned" if given.learned else "known", HardScans(given.objects)
-    rows, record, objects = given.folder / "rows" / material, "vision_objects", OBJECTS
-    if given.hard:
+    options = parser.parse_args()
+    material, scans = "learned" if options.learned else "known", HardScans(options.objects)
+    rows, record, objects = options.folder / "rows" / material, "vision_objects", OBJECTS
+    if options.hard:
         record, objects = "hard_scans", HARD
-    elif given.all:
+    elif options.all:
         record, objects = "all_scans", tuple(name for name in scans.ids if name not in LARGE)
 
     def measure(name: str) -> dict[str, Any]:
-        return row(Subject(scans, name, given.folder, COUNTS[material], material))
+        return row(Subject(scans, name, options.folder, COUNTS[material], material))
 
-    rows_of(given.only or objects, measure, rows)
-    table = {name: kept(path, dict) for name in objects if (path := rows / f"{name}.json").exists()}
+    rows_of(options.only or objects, measure, rows)
+    table = {name: measure_once(path, dict) for name in objects if (path := rows / f"{name}.json").exists()}
     fidelity = ("psnr_foreground_db", "psnr_foreground_worst_db", "psnr_lit_db", "psnr_db", "ssim")
     summary: dict[str, Any] = {key: spread(table.values(), key) for key in fidelity}
     summary |= {key: spread(table.values(), key, max) for key in ("fit_cpu_s", "bytes", "image_cpu_s")}
@@ -129,5 +129,5 @@ def main() -> None:
         "views": vars(COUNTS[material]),
         "materials": {name: scans.material(name).name for name in table},
     }
-    record += "" if given.learned else "_known"
+    record += "" if options.learned else "_known"
     conclude(record, {"summary": summary, "objects": table}, settings, COMPARED)

@@ -21,19 +21,19 @@ def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
         by_size.setdefault(str(row["size"]), []).append(row)
     return {
         "rows": rows,
-        "mean_over_objects": {size: mean_over_objects(found) for size, found in by_size.items()},
-        "against_cycles_at_foreground_db": {size: at_foreground(found) for size, found in by_size.items()},
+        "mean_over_objects": {size: mean_over_objects(group) for size, group in by_size.items()},
+        "against_cycles_at_foreground_db": {size: at_foreground(group) for size, group in by_size.items()},
     }
 
 
 def mean_over_objects(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Mean of every measure for each way and setting, over the objects that have it."""
-    found: dict[tuple[str, Any], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, Any], list[dict[str, Any]]] = {}
     for row in rows:
         for way in row["ways"]:
-            found.setdefault((way["way"], way["setting"]), []).append(way)
+            groups.setdefault((way["way"], way["setting"]), []).append(way)
     means = []
-    for (name, setting), ways in found.items():
+    for (name, setting), ways in groups.items():
         mean: dict[str, Any] = {"way": name, "setting": setting, "objects": len(ways)}
         for key in MEASURES:
             values = [way[key] for way in ways if way.get(key) is not None]

@@ -44,11 +44,11 @@ def calculix(solid: Solid, material: Material, modes: int) -> Outcome:
             )
         if done.returncode != 0:
             raise RuntimeError(f"CalculiX ended with {done.returncode}: {done.stdout[-500:]}")
-        found = frequencies((Path(folder) / "body.dat").read_text())[rigid:]
+        frequencies_hz = frequencies((Path(folder) / "body.dat").read_text())[rigid:]
     version = re.search(r"CalculiX Version (\S+?),", done.stdout)
     used = [name for name in ("PaStiX", "PARDISO", "SPOOLES") if name.lower() in done.stdout.lower()]
     return Outcome(
-        found[found < MAX_FREQUENCY_HZ] if len(found) < modes else found,
+        frequencies_hz[frequencies_hz < MAX_FREQUENCY_HZ] if len(frequencies_hz) < modes else frequencies_hz,
         3 * len(vertices),
         watch.cpu_s,
         {

@@ -56,8 +56,8 @@ def fit_gains_network(points: ArrayLike, gains: ArrayLike, *, steps: int, seed: 
     inputs, targets = single(position_range.to_unit(points)), single(gain_range.to_unit(gains))
 
     def loss(network: Perceptrons, generator: np.random.Generator) -> Tensor:
-        chosen = generator.integers(len(points), size=BATCH)
-        return (network(inputs[chosen]) - targets[chosen]).square().mean()
+        batch = generator.integers(len(points), size=BATCH)
+        return (network(inputs[batch]) - targets[batch]).square().mean()
 
     network, training = fit(
         lambda: Perceptrons(3, targets.mean(dim=0).numpy()),

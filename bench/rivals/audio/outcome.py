@@ -31,22 +31,22 @@ class Outcome:
         return sum(self.cpu_s.values())
 
 
-def compare(found: np.ndarray, reference: np.ndarray, limit_hz: float = MAX_FREQUENCY_HZ) -> dict[str, Any]:
+def compare(answer: np.ndarray, reference: np.ndarray, limit_hz: float = MAX_FREQUENCY_HZ) -> dict[str, Any]:
     """Errors of the audible modes, matched in ascending order, as many as both have.
 
     Sorted order is the matching: two lists of the same body differ by less than a mode's distance to its
     neighbours, or by more than any matching could mend.
     """
-    audible, true = found[found < limit_hz], reference[reference < limit_hz]
-    count = min(len(found), len(true))
+    audible, true = answer[answer < limit_hz], reference[reference < limit_hz]
+    count = min(len(answer), len(true))
     if count == 0:
         return {"modes": len(audible), "modes_of_reference": len(true)}
-    cents = 1200 * np.log2(found[:count] / true[:count])
+    cents = 1200 * np.log2(answer[:count] / true[:count])
     return {
         "modes": len(audible),
         "modes_of_reference": len(true),
         "compared": count,
-        "first_error_percent": float(100 * (found[0] / true[0] - 1)),
+        "first_error_percent": float(100 * (answer[0] / true[0] - 1)),
         "median_cents": float(np.median(np.abs(cents))),
         "worst_cents": float(np.abs(cents).max()),
         "mean_cents": float(cents.mean()),

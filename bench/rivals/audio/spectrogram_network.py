@@ -162,8 +162,8 @@ def _range_and_power(amplitudes: Floats, transforms: NDArray[np.complex64]) -> t
     """Range (1, 3, 1) of real and imaginary parts by branch, and mean power (entries,) over the points."""
     lowest, highest = np.full(3, np.inf), np.full(3, -np.inf)
     power = np.zeros(transforms.shape[1])
-    for one in amplitudes.astype(np.complex64):
-        values = one @ transforms
+    for amplitude in amplitudes.astype(np.complex64):
+        values = amplitude @ transforms
         power += np.sum(np.abs(values) ** 2, axis=0)
         for part in (values.real, values.imag):
             lowest, highest = np.minimum(lowest, part.min(axis=1)), np.maximum(highest, part.max(axis=1))

@@ -127,7 +127,7 @@ def _crossings(triangles: Floats, faces: Integers, counts: Integers) -> Integers
     leaves, -1 where it enters. The side of an edge on which a ray passes is decided from the edge's
     vertices in a fixed order, so that the two faces of an edge agree and a ray crosses one of them.
     """
-    found = np.zeros(counts + np.array([0, 0, 1]), dtype=np.int64)
+    crossings = np.zeros(counts + np.array([0, 0, 1]), dtype=np.int64)
     flat = triangles[:, :, :2] - 0.5 - np.array(ASIDE)
     first = np.maximum(np.ceil(flat.min(axis=1)), 0).astype(np.int64)
     last = np.minimum(np.floor(flat.max(axis=1)), counts[:2] - 1).astype(np.int64)
@@ -148,8 +148,8 @@ def _crossings(triangles: Floats, faces: Integers, counts: Integers) -> Integers
         weights, column, which = weights[hit], column[hit], triangle[hit]
         height = np.sum(weights * triangles[which, :, 2], axis=1) / weights.sum(axis=1)
         below = np.clip(np.ceil(height - 0.5), 0, counts[2]).astype(np.int64)
-        np.add.at(found, (column[:, 0], column[:, 1], below), np.sign(weights[:, 0]).astype(np.int64))
-    return found
+        np.add.at(crossings, (column[:, 0], column[:, 1], below), np.sign(weights[:, 0]).astype(np.int64))
+    return crossings
 
 
 def _pairs(spans: Integers) -> Iterator[tuple[Integers, Integers]]:

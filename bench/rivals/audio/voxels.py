@@ -83,8 +83,8 @@ def voxel_modes(
     order = np.argsort(body[hexahedra[:, 0]], kind="stable")
     ends = np.cumsum(np.bincount(body[hexahedra[:, 0]], minlength=int(body.max()) + 1))
     values = []
-    for chosen in np.split(order, ends[:-1]):
-        members, local = np.unique(hexahedra[chosen], return_inverse=True)
+    for cells in np.split(order, ends[:-1]):
+        members, local = np.unique(hexahedra[cells], return_inverse=True)
         with watch.step("assemble"):
             stiffness, mass = assemble(local.reshape(-1, 8), len(members), *blocks)
         positions = nodes[members] - nodes[members].mean(axis=0)

@@ -148,18 +148,18 @@ def fit_touch_network(
     """
     if name not in RIVALS:
         raise InputError("touch network", f"unknown name {name!r}", f"Use one of {sorted(RIVALS)}.")
-    chosen = np.flatnonzero(~touches["held_out"])
-    if len(chosen) == 0:
+    rows = np.flatnonzero(~touches["held_out"])
+    if len(rows) == 0:
         raise InputError("touches", "every touch is held out", "Simulate touches to train on.")
-    points, *holding = (np.asarray(touches[key])[chosen] for key in QUERY_FIELDS)
+    points, *holding = (np.asarray(touches[key])[rows] for key in QUERY_FIELDS)
     lowest = float(points.min())
     extent = max(float(points.max()) - lowest, 1e-12)
     scaled = (points - lowest) / extent
-    deepest = max(float(touches["depth"][chosen].max()), 1e-9)
+    deepest = max(float(touches["depth"][rows].max()), 1e-9)
     if name == FIRST:
-        images = touches["rgb"][chosen].astype(np.float32) * (2 / 255) - 1
+        images = touches["rgb"][rows].astype(np.float32) * (2 / 255) - 1
     else:
-        images = touches["depth"][chosen][..., None] / deepest
+        images = touches["depth"][rows][..., None] / deepest
     shape = images.shape[1:3]
 
     def loss(network: Perceptrons, generator: np.random.Generator) -> Tensor:

@@ -36,19 +36,19 @@ def main(request: Path, result: Path) -> None:
     from OpenGL.GL import GL_RENDERER, GL_VERSION, glGetString
     from scipy.spatial.transform import Rotation
 
-    given = np.load(request)
+    inputs = np.load(request)
     renderer = tacto.Renderer(120, 160, None, tacto.get_digit_config_path())
     driver = " ".join(glGetString(name).decode() for name in (GL_RENDERER, GL_VERSION))
     renderer.current_object_nodes = {}
     no_contact = np.array(renderer.render(noise=False, calibration=False)[0][0])
     # OpenCV's order of colours, which `set_background` turns round.
     renderer.set_background(np.ascontiguousarray(no_contact[:, :, ::-1]))
-    normals = given.get("normals")
-    mesh = trimesh.Trimesh(given["vertices"], given["faces"], vertex_normals=normals, process=False)
+    normals = inputs.get("normals")
+    mesh = trimesh.Trimesh(inputs["vertices"], inputs["faces"], vertex_normals=normals, process=False)
     mesh.visual = trimesh.visual.ColorVisuals()
     renderer.add_object(mesh, "object")
     images, calibrated, seconds = [], [], []
-    for pose in given["poses"]:
+    for pose in inputs["poses"]:
         inverse = np.linalg.inv(pose)
         turned = Rotation.from_matrix(inverse[:3, :3]).as_euler("xyz")
         placed = {"object": (inverse[:3, 3], turned)}

@@ -55,12 +55,12 @@ class TrainingPixels:
     """
 
     def __init__(self, views: Product) -> None:
-        chosen = np.flatnonzero(~views["held_out"])
-        if len(chosen) == 0:
+        training = np.flatnonzero(~views["held_out"])
+        if len(training) == 0:
             raise InputError("views", "every view is held out", "Render training views.")
-        self.colours = np.stack([on_white(views["rgba"][view].astype(np.float32)) for view in chosen])
-        self.cameras = views["camera_to_world"][chosen].astype(np.float64)
-        self.lights = views["light_position"][chosen].astype(np.float64)
+        self.colours = np.stack([on_white(views["rgba"][view].astype(np.float32)) for view in training])
+        self.cameras = views["camera_to_world"][training].astype(np.float64)
+        self.lights = views["light_position"][training].astype(np.float64)
         self._focal = focal_length_px(self.colours.shape[1:3], float(views.attributes["field_of_view_deg"]))
 
     def draw(self, count: int, generator: np.random.Generator, device: torch.device) -> Rays:
@@ -114,12 +114,12 @@ def fit_scattering_function(
         origins, directions, lights, colours = pixels.draw(batch_rays, generator, place)
 
         def uniform(samples: int) -> Tensor:
-            drawn = generator.random((batch_rays, samples), dtype=np.float32)
-            return torch.as_tensor(drawn, device=place)
+            values = generator.random((batch_rays, samples), dtype=np.float32)
+            return torch.as_tensor(values, device=place)
 
         def error(network: Any, distances: Tensor) -> tuple[Tensor, Tensor]:
-            drawn = generator.standard_normal(tuple(distances.shape), dtype=np.float32)
-            noise = DENSITY_NOISE * torch.as_tensor(drawn, device=place)
+            values = generator.standard_normal(tuple(distances.shape), dtype=np.float32)
+            noise = DENSITY_NOISE * torch.as_tensor(values, device=place)
             colour, shares = march(network, origins, directions, lights, distances, noise)
             on_background = colour + (1.0 - shares.sum(dim=1, keepdim=True))
             return (on_background - colours).square().mean(), shares

@@ -33,8 +33,8 @@ def texture_colours(mesh: TexturedMesh, face: np.ndarray, barycentric: np.ndarra
     coordinates = np.einsum("ij,ijk->ik", barycentric, mesh.texture_coordinates[face])
     colours = np.empty((len(face), 3))
     for index, texture in enumerate(mesh.textures):
-        chosen = mesh.face_texture[face] == index
-        colours[chosen] = bilinear(texture[..., :3], coordinates[chosen])
+        mask = mesh.face_texture[face] == index
+        colours[mask] = bilinear(texture[..., :3], coordinates[mask])
     return srgb_decode(colours)
 
 
