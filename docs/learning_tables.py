@@ -52,13 +52,13 @@ def _setting(task: str, made_with: Figures, path: Path) -> str:
     seeds = task_settings.get("seeds", settings["seeds"])
     training = settings["data"]["training"]
     samples = f"{training['vision']} images, {training['audio']} strikes and {training['touch']} touches"
-    drawn = {
+    amount = {
         "grasping": f"{settings['grasping']['grasps']} grasps of each",
         "regrasping": f"{settings['regrasping']['rollouts']} rollouts",
         "stand_in": f"at most {samples} of those that each stores for training",
         "reconstruction": f"{settings['reconstruction']['steps']:,} steps, {samples} of each for training",
     }.get(task, f"{samples} of each for training")
-    return f"{count} objects, {drawn}, seeds {', '.join(map(str, seeds))}. {_recorded(path)}"
+    return f"{count} objects, {amount}, seeds {', '.join(map(str, seeds))}. {_recorded(path)}"
 
 
 def _recorded(path: Path) -> str:

@@ -95,12 +95,12 @@ def imported_rooms(name: str) -> list[str]:
     """
     places = [MODULES[name]] if name in MODULES else [f"{part}/{name}" for part in PARTS]
     open_modules = [path for place in places for path in ROOT.glob(f"bench/{place}.py")]
-    seen, rooms = set(), set()
+    modules, rooms = set(), set()
     while open_modules:
         module = open_modules.pop()
-        if module in seen:
+        if module in modules:
             continue
-        seen.add(module)
+        modules.add(module)
         for imported in imports(module):
             package, *rest = imported.split(".")
             if package in FOLLOWED:
@@ -148,9 +148,9 @@ def commits() -> list[Commit]:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
         return []
-    found = []
+    history = []
     for part in done.stdout.split("\x01")[1:]:
         heading, *names = part.split("\n")
         name, _, date = heading.partition(" ")
-        found.append(Commit(name, date, frozenset(filter(None, names))))
-    return found
+        history.append(Commit(name, date, frozenset(filter(None, names))))
+    return history

@@ -112,9 +112,9 @@ def draw_pairs(
     chance.shuffle(shuffled)
     # One strike of each object in turn.
     turns = itertools.chain.from_iterable(itertools.zip_longest(*shuffled))
-    chosen = [index for index in turns if index is not None][:count]
+    indices = [index for index in turns if index is not None][:count]
     pairs = []
-    for index in sorted(chosen):
+    for index in sorted(indices):
         object_id, query = truth.place(index)
         try:
             levelled = match(truth[index]["sound"].numpy(), answer[index]["sound"].numpy())
@@ -154,8 +154,8 @@ def _base64(sound: np.ndarray) -> str:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Write a page; return the exit status."""
-    kept = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("docs.listening.page", description=__doc__, formatter_class=kept)
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("docs.listening.page", description=__doc__, formatter_class=formatter)
     parser.add_argument("ids", nargs="*", help="objects")
     parser.add_argument("--root", type=Path, default=Path(), help="data set with modes and object_files")
     parser.add_argument("-o", "--output", type=Path, required=True, help="the page")

@@ -168,7 +168,7 @@ class StageTotal:
         Number of products of each state, and of arrays of each verdict.
     unread
         Products whose arrays were not compared.
-    cpu_s, costed, made
+    cpu_s, costed, products
         CPU seconds of the new products whose cost is known, their number, and that of all new products.
     """
 
@@ -178,14 +178,14 @@ class StageTotal:
     unread: int
     cpu_s: float
     costed: int
-    made: int
+    products: int
 
     @property
     def cells(self) -> list[str]:
         """Its row of a table, empty where there is nothing."""
         numbers = [self.states[state] for state in (State.CHANGED, State.MADE, State.GONE)]
         numbers += [self.arrays[verdict] for verdict in (EQUAL, WITHIN, DIFFERENT)]
-        cost = f"{self.cpu_s:.1f}" if self.costed else "unknown" if self.made else ""
+        cost = f"{self.cpu_s:.1f}" if self.costed else "unknown" if self.products else ""
         return [*(str(number or "") for number in (*numbers, self.unread)), cost]
 
 
@@ -284,7 +284,10 @@ def change(figure: FidelityChange) -> str:
 
 def cost(stage_totals: Sequence[StageTotal]) -> str:
     """Return the CPU seconds of the new products."""
-    products, costed = sum(total.made for total in stage_totals), sum(total.costed for total in stage_totals)
+    products, costed = (
+        sum(total.products for total in stage_totals),
+        sum(total.costed for total in stage_totals),
+    )
     if not products:
         return "nothing"
     if not costed:

@@ -38,13 +38,13 @@ class Folder:
     md5 : of the whole folder, where it is known without looking at its files; two with the same hold the same
     products : content by object id
     problem : why `products` is not known
-    made : whether the version has the folder at all
+    exists : whether the version has the folder at all
     """
 
     md5: str = ""
     products: Mapping[str, Content] = field(default_factory=dict)
     problem: ObjectFolderError | None = None
-    made: bool = True
+    exists: bool = True
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Version:
         failures = {failure.object_id: FailedObject.of(stages[0].name, failure) for failure in refused}
         for stage in stages:
             folders = [self.folders[kind.folder] for kind in stage.products]
-            if not all(folder.made and folder.problem is None for folder in folders):
+            if not all(folder.exists and folder.problem is None for folder in folders):
                 continue
             for object_id in self.rows.keys() - self.not_made:
                 if not all(object_id in folder.products for folder in folders):
@@ -267,7 +267,7 @@ def _joined_folder(folders: Sequence[Folder]) -> Folder:
         " ".join(digests) if all(digests) else "",
         {object_id: content for folder in folders for object_id, content in folder.products.items()},
         next((folder.problem for folder in folders if folder.problem), None),
-        any(folder.made for folder in folders),
+        any(folder.exists for folder in folders),
     )
 
 
@@ -287,7 +287,7 @@ def _locked(contents: Contents, lock: Lock, kind: ProductKind, place: str) -> Fo
     """Products of a kind as the ``dvc.lock`` of a folder of the checkout names them."""
     folder = lock.outs.get(kind.folder)
     if folder is None:
-        return Folder(made=False)
+        return Folder(exists=False)
     where = f"{place}{kind.folder}"
     try:
         files = contents.folder(folder, where) if is_folder(folder) else {}
@@ -325,5 +325,5 @@ def _lying(contents: Contents, kind: ProductKind, place: str) -> Folder:
 
 def made_nothing(stages: Sequence[Stage]) -> Version:
     """Return an empty version, as before the first: without objects or products."""
-    folders = {kind.folder: Folder(made=False) for stage in stages for kind in stage.products}
+    folders = {kind.folder: Folder(exists=False) for stage in stages for kind in stage.products}
     return Version(None, Lock(), {}, folders)

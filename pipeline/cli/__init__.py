@@ -24,7 +24,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 import objectfolder
 from objectfolder.errors import ObjectFolderError
 from pipeline.cli import data_set_commands as data_set
-from pipeline.cli import object_commands as one
+from pipeline.cli import object_commands as objects
 from pipeline.cli import publishing_commands as publishing
 from pipeline.cli import sensor_commands as sensors
 from pipeline.cli import table_commands as tables
@@ -43,8 +43,8 @@ NO_SPACE, NO_DESCRIPTOR = (errno.ENOSPC, errno.EDQUOT), (errno.EMFILE, errno.ENF
 EXTRAS = {"av": "video", "boto3": "s3", "mujoco": "video", "pxr": "simulators", "xarray": "xarray"}
 COMMANDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "One object": (
-        one.build, one.info, one.sample, one.render, one.strike, one.press, one.modes, one.fit_sound,
-        one.view,
+        objects.build, objects.info, objects.sample, objects.render, objects.strike, objects.press,
+        objects.modes, objects.fit_sound, objects.view,
     ),
     "Tables of objects": (tables.add, tables.check, tables.fetch),
     "Sensors": (sensors.calibrate,),

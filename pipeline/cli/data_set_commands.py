@@ -189,9 +189,9 @@ def select(*, table: str | None = None, only: str | None = None, root: Root = Pa
     only
         ids with commas between them; empty for all
     """
-    from pipeline.dataset.selection import select as chosen
+    from pipeline.dataset.selection import select as select_objects
 
-    for line in chosen(root, table, only):
+    for line in select_objects(root, table, only):
         print_text(line)
 
 

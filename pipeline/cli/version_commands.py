@@ -123,7 +123,7 @@ def verify(
             contents,
             version,
             stages,
-            lambda done, count, read: show(f"{done} of {count} files, {read / 1e9:.2f} GB"),
+            lambda done, count, size: show(f"{done} of {count} files, {size / 1e9:.2f} GB"),
         )
         remade = make_again(
             contents,

@@ -89,16 +89,18 @@ class DaskRunner:
     """
 
     def __init__(self, client: Any, root: Path, place: Place, environment: Environment | None = None) -> None:
-        wanted = environment.model_dump_json() if environment else None
+        requirement = environment.model_dump_json() if environment else None
         folder_needed = not os.environ.get(STORE)
-        digest = hashlib.sha256(f"{root} {folder_needed} {wanted}".encode()).hexdigest()
+        digest = hashlib.sha256(f"{root} {folder_needed} {requirement}".encode()).hexdigest()
         name = f"objectfolder-{digest[:12]}"
         self._client = client
         self._settings = place.child
         self._run = secrets.token_hex(8)
         self._root = root
         self._marker = root / STATE / f"shared-{self._run}"  # workers that share the folder see it
-        self._plugin = Admission(name, wanted, str(root), str(self._marker), folder_needed, place.memory_gb)
+        self._plugin = Admission(
+            name, requirement, str(root), str(self._marker), folder_needed, place.memory_gb
+        )
         self._workers = Workers(client, name, place.worker_limit_s, place.pools_within_s)
         self._numbers = itertools.count()
         self._tasks: set[_Task] = set()  # those that have begun

@@ -56,14 +56,14 @@ def environment_of(stages: Iterable[Any]) -> Environment:
     )
 
 
-def differences_of(requirement: Environment, found: Environment) -> list[str]:
+def differences_of(requirement: Environment, environment: Environment) -> list[str]:
     """Return what differs, one sentence part each; empty where the worker may work."""
     before, now = (
         {
             "packages": {"Python": entry.python, **entry.packages},
             "code": {name: digest for digests in entry.code.values() for name, digest in digests.items()},
         }
-        for entry in (requirement, found)
+        for entry in (requirement, environment)
     )
     changes = differences(before, now)
     parts = [

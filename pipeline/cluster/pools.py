@@ -16,7 +16,7 @@ NOTHING = "nothing"  # resource of a worker that was started for no pool
 def offers_here() -> list[str]:
     """Return the pools that this process can serve, by what is installed; nothing is imported."""
     able = {BLENDER: importlib.util.find_spec("bpy") is not None, GPU: _has_gpu()}
-    return [pool for pool, there in able.items() if there]
+    return [pool for pool, is_installed in able.items() if is_installed]
 
 
 def stated(resources: Mapping[str, float]) -> list[str]:

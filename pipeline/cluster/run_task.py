@@ -94,11 +94,11 @@ def _ended_if_given_up(key: str, child: Child) -> Iterator[None]:
 
 def _child(root: Path, settings: ChildSettings) -> Child:
     """Return the child of this thread; a worker may see several runs, each with its own settings."""
-    entry = getattr(_of_thread, "made", None)
+    entry = getattr(_of_thread, "child", None)
     if entry is None or entry[0] != (root, settings):
         if entry is not None:
             entry[1].__exit__()
-        entry = _of_thread.made = ((root, settings), Child(root, settings))
+        entry = _of_thread.child = ((root, settings), Child(root, settings))
     child: Child = entry[1]
     return child
 

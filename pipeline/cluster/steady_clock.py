@@ -20,7 +20,10 @@ def use_steady_clock() -> None:
         return
     clock = _steady_clock()
     modules = [module for name, module in sys.modules.items() if name.partition(".")[0] == PACKAGE]
-    owners: list[Any] = [IOLoop, *(one for one in modules if getattr(one, "time", None) is time.time)]
+    owners: list[Any] = [
+        IOLoop,
+        *(module for module in modules if getattr(module, "time", None) is time.time),
+    ]
     for owner in owners:
         owner.time = clock
 

@@ -146,19 +146,19 @@ class Stage:
         for role, path in (self.sources(row) if self.sources else {}).items():
             paths[role] = path
             contents[role] = digests[role] = source_digest(path, states)
-        read = parameters.values(self.parameters)
+        values = parameters.values(self.parameters)
         record = {name: row[name] for name in self.fields}
         seed = seed_from(parameters.seed, self.name, object_id)
         parts = {
             "task": self.name,
-            "parameters": read,
+            "parameters": values,
             "record": record,
             "inputs": digests,
             "code": states.code_identity(self.task.partition(":")[0]),
-            "packages": _versions((*self.packages, *self.optional_packages(read))),
+            "packages": _versions((*self.packages, *self.optional_packages(values))),
             "seed": seed,
         }
-        return Prepared(Request(object_id, paths, read, record, seed), parts, contents)
+        return Prepared(Request(object_id, paths, values, record, seed), parts, contents)
 
     def lineage(self, parts: Mapping[str, Any]) -> dict[str, str]:
         """Return the fingerprints of the whole products that the task reads, by stage."""

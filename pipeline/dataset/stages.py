@@ -70,7 +70,7 @@ STAGES = {
             inputs=(LIT_SURFACE,),
             parameters=("touch",),
             packages=("numba", "numpy", "scipy", "zarr"),
-            optional_packages=lambda read: ("pyrender",) if "renderer" in read["touch"] else (),
+            optional_packages=lambda values: ("pyrender",) if "renderer" in values["touch"] else (),
             tolerances=TOLERANCES["touches"],
         ),
         Stage(

@@ -108,18 +108,18 @@ class Verified:
         return self._attributes(self._product(path), path, names)
 
     def _attributes(self, entry: _Product, path: Path | str, names: Sequence[str]) -> dict[str, Any]:
-        known = entry.attributes
-        if not known.keys() >= set(names):
+        attributes = entry.attributes
+        if not attributes.keys() >= set(names):
             description = products.read_description(Path(path))
             try:
-                known |= {
+                attributes |= {
                     name: functools.reduce(operator.getitem, name.split("."), description) for name in names
                 }
             except (KeyError, TypeError) as error:
                 finding = f"it carries no {error.args[0]}"
                 raise FormatError(str(path), finding, REMEDY) from error
             self._changed = True
-        return {name: known[name] for name in names}
+        return {name: attributes[name] for name in names}
 
     def holds(self, path: Path, fingerprint: str) -> bool:
         """Whether `path` is a whole product with this fingerprint."""
@@ -198,8 +198,8 @@ class Verified:
             A file that cannot be read, and whatever `read` raises.
         """
         key, now, state = self._key(path), time.time(), _state(os.stat(path))
-        known, digest = self._kept.sources.get(key, (None, ""))
-        if known == state:
+        old_state, digest = self._kept.sources.get(key, (None, ""))
+        if old_state == state:
             return digest
         digest = read(path)
         if now - state[1] / 1e9 > SETTLED_S:

@@ -111,9 +111,9 @@ class Plan:
         rows.append(("all", "", "", "", duration(cpu_s), "", decimal(made_bytes)))
         lines = [f"{counted(self.objects, 'object')}, size {self.size}", "", *columns([head, *rows]), ""]
         for number, wall in self.wall.items():
-            here = " (this place)" if number == self.machines.workers else ""
+            mark = " (this place)" if number == self.machines.workers else ""
             lines.append(
-                f"{counted(number, 'worker')}{here}: about {duration(wall.expected_s)},"
+                f"{counted(number, 'worker')}{mark}: about {duration(wall.expected_s)},"
                 f" at least {duration(wall.at_least_s)}"
             )
         chain = f"No number of workers is faster than {duration(self.chain_s)}"

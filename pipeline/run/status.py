@@ -124,8 +124,8 @@ def _of(
         if waits:
             return Status(object_id, stage.name, WAITING, waits)
         return Status(object_id, stage.name, FAILED, (f"{error.where}: {error.finding}",))
-    wanted = fingerprint(prepared.parts)
-    say = partial(Status, object_id, stage.name, wanted=wanted)
+    fingerprint_now = fingerprint(prepared.parts)
+    say = partial(Status, object_id, stage.name, wanted=fingerprint_now)
     targets = stage.targets(root, object_id)
     fingerprints: list[str] = []
     for path in targets:
@@ -135,15 +135,15 @@ def _of(
             if waits:
                 return Status(object_id, stage.name, WAITING, waits)
             failure = failures.get((object_id, stage.name))
-            if failure and failure.fingerprint == wanted:
+            if failure and failure.fingerprint == fingerprint_now:
                 return say(FAILED, (failure.error,))
             return say(MISSING)
         except FormatError as error:
             return say(STALE, (f"unreadable: {error.finding}",))
-    if all(value == wanted for value in fingerprints):
+    if all(value == fingerprint_now for value in fingerprints):
         warnings = _warnings(stage, targets[0], products_seen)
         return say(WAITING if waits else CURRENT, waits, warnings=warnings)
-    stale = next(path for path, value in zip(targets, fingerprints, strict=True) if value != wanted)
+    stale = next(path for path, value in zip(targets, fingerprints, strict=True) if value != fingerprint_now)
     changes = _differences(stale, prepared.parts)
     return say(STALE, tuple(map(str, changes)), changes)
 

@@ -125,8 +125,8 @@ class _LoadedCode:
     is imported after it, and what tasks yield would depend on what this process did before.
     """
 
-    def __init__(self, known: dict[str, Any]) -> None:
-        self._known = known
+    def __init__(self, cache: dict[str, Any]) -> None:
+        self._cache = cache
         self._digests: dict[str, str] = {}
         self._mkl_alone = False
 
@@ -143,7 +143,7 @@ class _LoadedCode:
         if named_code is None:
             return True
         try:
-            current_code = code_identity(call.task.partition(":")[0], self._known)
+            current_code = code_identity(call.task.partition(":")[0], self._cache)
         except InputError:
             return True  # the import will say what is wrong
         self._digests = {**current_code, **self._digests}

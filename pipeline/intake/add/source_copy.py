@@ -111,8 +111,10 @@ def copy_files(layout: Layout, folder: Path) -> None:
             shutil.copyfile(file, temporary / place)
         temporary.chmod(0o755)
         where = str(layout.files[layout.mesh])
-        read = source_files(temporary / layout.mesh, layout.texture and temporary / layout.texture)
-        if {Path(os.path.normpath(file)) for file in read} != {temporary / place for place in layout.files}:
+        sources = source_files(temporary / layout.mesh, layout.texture and temporary / layout.texture)
+        if {Path(os.path.normpath(file)) for file in sources} != {
+            temporary / place for place in layout.files
+        }:
             raise InputError(
                 where,
                 "its copy would read other files than it does",

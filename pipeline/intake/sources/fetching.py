@@ -226,7 +226,7 @@ class Fetcher:
                 place = folder / entry.path
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(file, place)
-            elif not unpack(file, folder, top=entry.top, selects=source_object.source.wanted):
+            elif not unpack(file, folder, top=entry.top, selects=source_object.source.selects):
                 finding = f"holds none of the wanted files{f' in {entry.top}/' if entry.top else ''}"
                 raise FormatError(file.name, finding, "The source has changed the layout of its archives.")
         paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())

@@ -33,7 +33,7 @@ class GoogleScannedObjects(Source):
         url_name = quote(name, safe="")
         return [Download(f"{FUEL}models/{url_name}/{VERSION}/{url_name}.zip", f"{name}.zip", top="")]
 
-    def wanted(self, path: str) -> bool:
+    def selects(self, path: str) -> bool:
         """Leave out the "._" twins of archives that were made on a Mac."""
         return not path.rpartition("/")[2].startswith("._")
 

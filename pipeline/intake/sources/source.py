@@ -86,7 +86,7 @@ class Source(ABC):
     def object_page(self, name: str) -> str:
         """Return the address where people find an object."""
 
-    def wanted(self, path: str) -> bool:
+    def selects(self, path: str) -> bool:
         """Whether a member of an archive is to be unpacked, by its path in the object's folder."""
         return True
 

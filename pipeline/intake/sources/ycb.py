@@ -11,7 +11,7 @@ from pipeline.intake.sources.source import Download, Source, obj_texture
 BUCKET = "https://ycb-benchmarks.s3.amazonaws.com/data/"
 LIST = BUCKET + "objects.json"
 # Other forms of the same mesh stand beside the one that is read; archives made on a Mac have "._" twins.
-_WANTED = re.compile(r"(?!\._).*\.(obj|mtl|png|jpe?g|xml|txt)", re.IGNORECASE)
+_MEMBERS = re.compile(r"(?!\._).*\.(obj|mtl|png|jpe?g|xml|txt)", re.IGNORECASE)
 
 
 class _Listed(BaseModel):
@@ -38,9 +38,9 @@ class YCB(Source):
         archive = f"{name}_{resolution}.tgz"
         return [Download(f"{BUCKET}google/{archive}", archive, top=name)]
 
-    def wanted(self, path: str) -> bool:
+    def selects(self, path: str) -> bool:
         """Leave out the other forms of the mesh."""
-        return _WANTED.fullmatch(PurePosixPath(path).name) is not None
+        return _MEMBERS.fullmatch(PurePosixPath(path).name) is not None
 
     def mesh_and_texture(self, folder: Path, name: str, resolution: str) -> tuple[str, str | None]:
         """Return the mesh and the image that its mtl names, with a space after it."""

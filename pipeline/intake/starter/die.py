@@ -12,7 +12,7 @@ from pipeline.intake.starter.patterns import (
     to_texture,
     unit_square,
 )
-from pipeline.intake.starter.shape import Shape, joined, quads
+from pipeline.intake.starter.shape import Shape, join, quads
 
 _HALF, _EDGE = 0.008, 0.0016
 """Half the side and the radius of the edges, metres."""
@@ -51,7 +51,7 @@ def die() -> TexturedMesh:
         for index in np.unique(indices):
             points[index] = _dimpled(points[index], axis, sign, first, second, pips)
         parts.append(quads(indices, _tile_coordinates(number_of_face, steps)))
-    return joined(np.array(points), parts).textured(_texture())
+    return join(np.array(points), parts).textured(_texture())
 
 
 def _rounded(point: np.ndarray) -> np.ndarray:

@@ -60,7 +60,7 @@ def quads(indices: np.ndarray, coordinates: np.ndarray, cells: np.ndarray | None
     )
 
 
-def joined(vertices: np.ndarray, parts: list[Shape]) -> Shape:
+def join(vertices: np.ndarray, parts: list[Shape]) -> Shape:
     """Return the faces of several parts over common vertices."""
     return Shape(
         vertices,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.intake.starter.shape import Shape, joined, quads
+from pipeline.intake.starter.shape import Shape, join, quads
 
 
 def slab(middle: np.ndarray, thickness: np.ndarray, cells: np.ndarray) -> Shape:
@@ -38,7 +38,7 @@ def slab(middle: np.ndarray, thickness: np.ndarray, cells: np.ndarray) -> Shape:
         quads(bottom, bottom_coordinates, cells),
         *(_walls(top, bottom, wall_u, edges) for edges in _outline(cells)),
     ]
-    return joined(vertices, parts)
+    return join(vertices, parts)
 
 
 def _mirrored(part: Shape) -> Shape:

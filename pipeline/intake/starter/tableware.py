@@ -13,7 +13,7 @@ from pipeline.intake.starter.patterns import (
     unit_square,
 )
 from pipeline.intake.starter.revolution import Revolution, resampled, revolve, shell_profile
-from pipeline.intake.starter.shape import Shape, joined, quads
+from pipeline.intake.starter.shape import Shape, join, quads
 
 
 def bowl() -> TexturedMesh:
@@ -89,7 +89,7 @@ def mug() -> TexturedMesh:
     for row in (lower, upper):
         cells[row : row + _PATCH_ROWS, columns] = False
     handle = _handle(body, upper, lower, column, radius)
-    surface = joined(np.concatenate([body.vertices, handle.vertices]), [body.surface(cells), handle])
+    surface = join(np.concatenate([body.vertices, handle.vertices]), [body.surface(cells), handle])
 
     u, v = unit_square()
     image = flat((0.93, 0.91, 0.86)) + 0.05 * (smooth_noise(16, 16, 31) - 0.5)[..., None]

@@ -84,7 +84,7 @@ def get(
         downloads = []
         for kind in (KINDS[stage] for stage in stages or (OBJECT_FILES.name,)):
             place = folder / kind.folder if stages else folder
-            wish = listing.chosen(kind, object_ids)
+            wish = listing.select(kind, object_ids)
             downloads += [(name, md5, place / f"{name}{kind.suffix}") for name, md5 in wish.items()]
         yield from pool.map(lambda product: _fetch(listing.stores, progress, *product), downloads)
 
@@ -207,7 +207,7 @@ class PublishedRevision:
                 return md5
         return ""
 
-    def chosen(self, kind: ProductKind, object_ids: Sequence[str]) -> dict[str, str]:
+    def select(self, kind: ProductKind, object_ids: Sequence[str]) -> dict[str, str]:
         """Return `products` of these objects, or of all if none is named.
 
         Raises

@@ -141,11 +141,11 @@ def write_colmap(
     write_text(folder / "sparse_text" / "0", model)
     held_out = [name for name, is_held_out in zip(model.names, views.held_out, strict=True) if is_held_out]
     (folder / "sparse" / "0" / "test.txt").write_text("".join(f"{name}\n" for name in held_out))
-    made = "surface samples with the views that see them"
+    origin = "surface samples with the views that see them"
     described = {
         "object": credit.to_dict(),
         "frame": views.described_frame(),
-        "points": made if len(model.points) else "none: the surface was not at hand",
+        "points": origin if len(model.points) else "none: the surface was not at hand",
         "light": "a point light an image, frame of the poses; radiant intensity in watts per steradian",
         "light_intensity": views.light_intensity,
         "images": {

@@ -84,8 +84,8 @@ class ObjectPage:
     def player(self) -> str:
         """Name of the script of its player's data beside the page; empty where there is no Object File."""
         object_id = self.subject.object_id
-        there = SAFE_ID.fullmatch(object_id) and self.products.path(OBJECT_FILES.name).is_file()
-        return f"{object_id}{PLAYER}" if there else ""
+        has_player = SAFE_ID.fullmatch(object_id) and self.products.path(OBJECT_FILES.name).is_file()
+        return f"{object_id}{PLAYER}" if has_player else ""
 
     def beside(self, suffix: str) -> str:
         """Return the name of a file of `tile`."""

@@ -31,7 +31,7 @@ class Tally:
         return cls(measure, len(values), math.fsum(values), measure.worst(values) if values else None)
 
     @classmethod
-    def joined(cls, tallies: Sequence["Tally"]) -> "Tally":
+    def merge(cls, tallies: Sequence["Tally"]) -> "Tally":
         """Return the tally over the objects of several tallies of one measure."""
         extremes = [tally.worst for tally in tallies if tally.worst is not None]
         worst = cls.of(tallies[0].measure, extremes).worst
@@ -68,7 +68,7 @@ def write_partition_index(root: Path) -> None:
         A partition has no report yet.
     """
     reports = [_read(folder) for folder in folders(root)]
-    tallies = [Tally.joined(same) for same in zip(*(report.tallies for report in reports), strict=True)]
+    tallies = [Tally.merge(same) for same in zip(*(report.tallies for report in reports), strict=True)]
     tallies_there = [tally for tally in tallies if tally.count or not tally.measure.occasional]
     objects, failed, silent = (
         sum(getattr(report, name) for report in reports) for name in ("objects", "failed", "silent")

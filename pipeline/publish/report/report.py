@@ -274,16 +274,16 @@ def _row(subject: MeasuredObject, failed_ids: set[str], pages: dict[str, str]) -
     below = subject.margin_db is not None and subject.margin_db < 0
     status = "failed" if subject.object_id in failed_ids else "below target" if below else "made"
     material, source = (subject.description.get(name) for name in ("material", "source"))
-    known = {**subject.attributes, "margin": subject.margin_db, "cpu_seconds": subject.cpu_seconds}
-    numbers = [_number(known, column, subject.silent) for column in COLUMNS]
+    figures = {**subject.attributes, "margin": subject.margin_db, "cpu_seconds": subject.cpu_seconds}
+    numbers = [_number(figures, column, subject.silent) for column in COLUMNS]
     page = pages.get(subject.object_id, "")
     rings = subject.part("audio").get("audible") is True
     words = str(material or ""), _source_group(source), status
     return Row(subject.object_id, subject.name, page, *words, rings, numbers)
 
 
-def _number(known: Mapping[str, Any], column: Column, silent: bool) -> float | None:
-    value = number_at(known, column.key)
+def _number(figures: Mapping[str, Any], column: Column, silent: bool) -> float | None:
+    value = number_at(figures, column.key)
     if value is None or (silent and column.key == GAIN.key):
         return None
     return float(f"{value * column.scale:.7g}")

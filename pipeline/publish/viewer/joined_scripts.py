@@ -17,13 +17,13 @@ def joined_script(name: str, read: Callable[[str], str]) -> str:
     return f'"use strict";\n(() => {{\nconst modules = {{}};\n{modules}}})();\n'
 
 
-def _modules(name: str, read: Callable[[str], str], known: set[str]) -> Iterator[str]:
+def _modules(name: str, read: Callable[[str], str], names: set[str]) -> Iterator[str]:
     """Yield scripts as functions that return their exports."""
-    known.add(name)
+    names.add(name)
     text = read(name)
     for _, other in IMPORT.findall(text):
-        if other not in known:
-            yield from _modules(other, read, known)
+        if other not in names:
+            yield from _modules(other, read, names)
     body = EXPORT.sub("", IMPORT.sub(r'const \1 = modules["\2"];', text))
     exports = ", ".join(EXPORT.findall(text))
     yield f'modules["{name}"] = (() => {{\n{body}return {{ {exports} }};\n}})();\n'
