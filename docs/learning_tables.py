@@ -29,6 +29,7 @@ LIKENESSES = {"iou": "IoU", "chamfer": "Chamfer-L1", "normal_consistency": "norm
 GRASP_SENSES = {"V": "image", "T": "both gels", "VT": "both senses, one network",
                 "majority": "the commoner outcome", "majority of the object": "that of the object",
                 "trees on force and pose": "boosted trees that know force and pose"}  # fmt: skip
+HELD = ("objects held, %", "regrasps")
 Figures = dict[str, Any]
 
 
@@ -269,12 +270,38 @@ def grasping(figures: Figures) -> str:
 
 
 def regrasping(figures: Figures) -> str:
-    """Return how many objects are held, by who moves."""
-    rows = [
-        [who, _interval(row["percent"], row["interval_percent"], ".1f"), f"{row['regrasps']:.1f}"]
-        for who, row in sorted(figures["held"].items())
+    """Return how many objects are held by who moves, and of objects that were left out of the training."""
+    lines = [
+        _rows(["who moves", *HELD], [_held_row(who, row) for who, row in sorted(figures["held"].items())])
     ]
-    return _rows(["who moves", "objects held, %", "regrasps"], rows)
+    if "unseen" in figures:
+        lines.append(_unseen_held(figures))
+    return "\n\n".join(lines)
+
+
+def _unseen_held(figures: Figures) -> str:
+    unseen = figures["unseen"]
+    lost, ahead = unseen["lost"], unseen["touch_ahead"]
+    held = {who: figures["held"][who] for who in ahead if who not in unseen["held"]} | unseen["held"]
+    heading = [
+        f"the same episodes, objects left out of the training, {len(unseen['folds'])} folds",
+        *HELD,
+        "points lost by that",
+        "touch is ahead by",
+    ]
+    rows = [
+        [*_held_row(who, row), _points(lost.get(who)), _points(ahead.get(who))]
+        for who, row in sorted(held.items())
+    ]
+    return _rows(heading, rows)
+
+
+def _held_row(who: str, row: Figures) -> list[str]:
+    return [who, _interval(row["percent"], row["interval_percent"], ".1f"), f"{row['regrasps']:.1f}"]
+
+
+def _points(row: Figures | None) -> str:
+    return _interval(row["points"], row["interval_points"], "+.1f") if row else ""
 
 
 TABLES: dict[str, Callable[[Figures], str]] = {

@@ -11,7 +11,7 @@ import torch
 
 from learning import recognition, reconstruction, retrieval, stand_in, touch
 from learning.dask_workers import joined
-from learning.grasping import stability, touch_policy
+from learning.grasping import policy_comparison, stability
 from learning.grasping.clips import FOLDER as CLIPS
 from learning.grasping.clips import write_clips
 from learning.meshes import Meshes
@@ -28,7 +28,7 @@ TASKS = {
     "reconstruction": reconstruction.evaluate,
     "stand_in": stand_in.evaluate,
     "grasping": stability.evaluate,
-    "regrasping": touch_policy.evaluate,
+    "regrasping": policy_comparison.evaluate,
 }
 
 

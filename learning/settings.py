@@ -114,6 +114,7 @@ class Regrasping(_Strict):
     rollout_steps: PositiveInt
     fixed_episodes: PositiveInt
     episodes: PositiveInt
+    folds: int | None = Field(ge=2, le=20)
 
 
 class StandIn(_Strict):

@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.utils.seeding import np_random
 from numpy.typing import NDArray
 from skimage.transform import resize_local_mean
 
@@ -90,7 +91,7 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
     ) -> tuple[Floats, dict[str, Any]]:
         """Draw an object and where it is grasped first, and close the fingers there."""
         super().reset(seed=seed)
-        self._object_id = str(self.np_random.choice(self.ids))
+        self._object_id = self._drawn_object(self.np_random)
         self._back_rad = self.np_random.choice([0.0, np.pi])
         spread = np.array([self._spread_m, YAW_RAD, HEIGHT_SHARE])
         self._first = self.place = self.np_random.uniform(-spread, spread)
@@ -110,6 +111,13 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
             return self._seen, -charged, False, False, self._info()
         held = self._worlds[self._object_id].lift(self._force_n) >= HELD_SHARE
         return self._seen, float(held) - charged, True, False, self._info() | {"is_success": held}
+
+    def object_of(self, seed: int) -> str:
+        """Return the object that an episode of this seed has."""
+        return self._drawn_object(np_random(seed)[0])
+
+    def _drawn_object(self, random: np.random.Generator) -> str:
+        return str(random.choice(self.ids))
 
     @property
     def _force_n(self) -> float:

@@ -1,14 +1,7 @@
-"""A policy that grasps again by touch, learnt by TRPO, beside what needs no touch.
+"""A policy that grasps again by touch, learnt by TRPO and kept, and acts that need no touch."""
 
-Beside it stand: lifting at the first grasp; moves drawn at random; the best of fixed moves, found on
-episodes of the training; and, as one who sees could do, the hardest squeeze at the centre of mass. An object
-is put back before it is grasped again. So a sequence of fixed moves is worth what their sum is. Policies of
-the first seed to which gels show other things say what the parts of touch are worth.
-"""
-
-import itertools
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from learning.grasping import world
 from learning.grasping.regrasping import WITHOUT_GELS, Floats, Regrasping
@@ -32,46 +24,15 @@ if TYPE_CHECKING:
 
 HIDDEN, LOG_SD, LIFTING = (64, 64), -1.0, -0.5  # of the networks; of actions, and lifting's mean, at first
 BATCH, TARGET_DIVERGENCE, LEARNING_RATE, CRITIC_UPDATES = 128, 0.03, 1e-3, 15
-FIXED_MOVES = tuple(itertools.product((-0.5, -0.25, 0.0, 0.25, 0.5), (0.0,), (-0.5, 0.0, 0.5)))
 LIFT = np.array([0.0, 0.0, 0.0, 1.0], dtype=np.float32)
 TEST = 1_000_000  # seeds of the test's episodes are this and above
 BATCH_EPISODES = 50
-UNKEYED = {"seeds", "ablation", "rollouts", "episodes", "fixed_episodes"}  # settings that no unit depends on
+# Settings that no unit depends on.
+UNKEYED = {"seeds", "ablation", "rollouts", "episodes", "fixed_episodes", "folds"}
 # An action by what is observed, by the number of regrasps, and by chance, which is the episode's own.
 Act = Callable[[Floats, int, np.random.Generator], Floats]
 Played = dict[str, NDArray[Any]]
-
-
-def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
-    """Return how many objects are held, by policies that touch and by what stands beside them."""
-    grasps, parameters = Grasps(objects, settings), settings.regrasping
-    workers.gather([workers.submit(grasps.worlds.part, name) for name in grasps.worlds])
-    learners = {f"touch, seed {seed}": (grasps, seed) for seed in parameters.seeds}
-    for shown in parameters.ablation:
-        name = f"{' + '.join(shown)}, seed {parameters.seeds[0]}"
-        learners[name] = Grasps(objects, showing(settings, shown)), parameters.seeds[0]
-    learnt: dict[str, Any] = dict.fromkeys(learners)
-    for number in range(parameters.rollouts):
-        for name, (own, seed) in learners.items():  # in turn, so that all are learnt at a time
-            learnt[name] = workers.submit(own.learn, seed, number, learnt[name])
-    moves = [workers.submit(grasps.tried, move) for move in FIXED_MOVES]
-    tests = {
-        "first grasp": grasps.tests(workers, _lift),
-        "random": grasps.tests(workers, _random),
-        "hardest, centred": grasps.tests(workers, _lift, hardest=True),
-    }
-    held = [episodes["held"].sum() for episodes in workers.gather(moves)]
-    best = FIXED_MOVES[int(np.argmax(held))]
-    tests["fixed move"] = grasps.tests(workers, partial(_moved, best))
-    for name, (own, seed) in learners.items():
-        tests[name] = own.tests(workers, partial(_touched, own.path(seed)), after=learnt[name])
-    return {
-        "spread_mm": 1e3 * parameters.spread_m,
-        "fixed_move": list(best),
-        "held": {
-            who: _figures(joined(workers.gather(batches)), grasps.ids) for who, batches in tests.items()
-        },
-    }
+Move = tuple[float, ...]
 
 
 def showing(settings: Settings, shown: Sequence[str]) -> Settings:
@@ -80,30 +41,18 @@ def showing(settings: Settings, shown: Sequence[str]) -> Settings:
     return settings.model_copy(update={"regrasping": regrasping})
 
 
-def _figures(played: Played, ids: list[str]) -> dict[str, Any]:
-    """Return percents held with their binomial interval of 95 % (Wilson), by object too."""
-    held, objects = played["held"], played["object"]
-    interval = binomtest(int(held.sum()), len(held)).proportion_ci(method="wilson")
-    return {
-        "percent": 100 * float(held.mean()),
-        "interval_percent": [100 * float(interval.low), 100 * float(interval.high)],
-        "regrasps": float(played["regrasps"].mean()),
-        "unseen_gels": int(played["unseen"].sum()),
-        "by_object_percent": {
-            ids[label]: 100 * float(held[objects == label].mean()) for label in np.unique(objects)
-        },
-    }
-
-
-def _lift(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+def lift_act(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    """Lift at the first grasp."""
     return LIFT
 
 
-def _random(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+def random_act(observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    """Move at random, and lift as often as not."""
     return random.uniform(-1, 1, 4).astype(np.float32)
 
 
-def _moved(move: tuple[float, ...], observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+def fixed_act(move: Move, observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    """Move once, always alike, and lift."""
     return LIFT if regrasps else np.array([*move, -1.0], dtype=np.float32)
 
 
@@ -113,7 +62,8 @@ def feeling(observed: Floats, regrasps: int, random: np.random.Generator) -> Flo
     return LIFT if pressed else np.array([*random.uniform(-1, 1, 3), -1.0], dtype=np.float32)
 
 
-def _touched(path: Path, observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+def touch_act(path: Path, observed: Floats, regrasps: int, random: np.random.Generator) -> Floats:
+    """Do what a policy that is kept makes of what is felt."""
     return np.asarray(_policy(path).predict(observed, deterministic=True)[0])
 
 
@@ -129,7 +79,7 @@ def _policy(path: Path) -> Any:
     return TRPO.load(path).policy
 
 
-def play(environment: Regrasping, act: Act, seeds: range) -> Played:
+def play(environment: Regrasping, act: Act, seeds: Iterable[int]) -> Played:
     """Return what became of an episode a seed.
 
     Returns
@@ -159,14 +109,21 @@ def joined(parts: list[Played]) -> Played:
 class Grasps:
     """Episodes of the training and of the test, kept by what they depend on.
 
+    Parameters
+    ----------
+    objects, settings
+        Of the data set.
+    left_out
+        Names of objects that no episode has: nothing that is learnt or kept here depends on their files.
+
     Attributes
     ----------
     worlds, ids
-        Of the objects with a mass, in order, and their names.
+        Of the other objects with a mass, in order, and their names.
     """
 
-    def __init__(self, objects: Objects, settings: Settings) -> None:
-        self._parameters, self.worlds = settings.regrasping, Worlds(objects)
+    def __init__(self, objects: Objects, settings: Settings, left_out: Collection[str] = ()) -> None:
+        self._parameters, self.worlds = settings.regrasping, Worlds(objects, left_out)
         self.ids = list(self.worlds)
         self._least_n = {name: world.least_force_n(objects.files[name]) for name in self.ids}
         self._key: Mapping[str, Any] = {
@@ -175,26 +132,39 @@ class Grasps:
         }
 
     def environment(self, force_share: float, spread_m: float) -> Regrasping:
-        """Return an environment of all objects."""
+        """Return an environment of these objects."""
         forces_n = {name: force_share * least_n for name, least_n in self._least_n.items()}
         parameters = self._parameters
         return Regrasping(
             self.worlds, forces_n, spread_m, parameters.regrasps, parameters.charge, parameters.observation
         )
 
-    def tests(self, workers: Workers, act: Act, *, hardest: bool = False, after: Any = None) -> list[Any]:
-        """Submit the test's episodes in batches, which each have their own seeds."""
-        ends = [*range(0, self._parameters.episodes, BATCH_EPISODES), self._parameters.episodes]
+    def _usual_environment(self) -> Regrasping:
+        return self.environment(self._parameters.force_share, self._parameters.spread_m)
+
+    @property
+    def test_seeds(self) -> range:
+        """Seeds of the test's episodes."""
+        return range(TEST, TEST + self._parameters.episodes)
+
+    def test_seeds_of(self, names: Collection[str]) -> tuple[int, ...]:
+        """Return seeds of those of the test's episodes that have some of the objects."""
+        environment = self._usual_environment()
+        return tuple(seed for seed in self.test_seeds if environment.object_of(seed) in names)
+
+    def tests(
+        self, workers: Workers, act: Act, seeds: Sequence[int], *, hardest: bool = False, after: Any = None
+    ) -> list[Any]:
+        """Submit episodes in batches."""
+        starts = range(0, len(seeds), BATCH_EPISODES)
         return [
-            workers.submit(self.played, act, range(TEST + first, TEST + end), hardest, after)
-            for first, end in itertools.pairwise(ends)
+            workers.submit(self.played, act, seeds[start : start + BATCH_EPISODES], hardest, after)
+            for start in starts
         ]
 
-    def played(self, act: Act, seeds: range, hardest: bool = False, after: Any = None) -> Played:
+    def played(self, act: Act, seeds: Sequence[int], hardest: bool = False, after: Any = None) -> Played:
         """Return an episode a seed, `hardest` with the greatest force at the centre of mass."""
-        parameters = self._parameters
-        force_share = world.FORCE_SHARES[1] if hardest else parameters.force_share
-        environment = self.environment(force_share, 0.0 if hardest else parameters.spread_m)
+        environment = self.environment(world.FORCE_SHARES[1], 0.0) if hardest else self._usual_environment()
         key = {
             **self._key,
             "unit": "episodes",
@@ -204,9 +174,9 @@ class Grasps:
         }
         return kept(__name__, key, lambda: play(environment, act, seeds))
 
-    def tried(self, move: tuple[float, ...]) -> Played:
+    def tried(self, move: Move) -> Played:
         """Return what becomes of a fixed move, on the first seeds that are no test's."""
-        return self.played(partial(_moved, move), range(self._parameters.fixed_episodes))
+        return self.played(partial(fixed_act, move), range(self._parameters.fixed_episodes))
 
     def learnt(self, seed: int) -> "TRPO":
         """Return the policy of a seed."""
@@ -228,18 +198,14 @@ class Grasps:
         path = self._path(seed, number)
         if path.exists():
             return
-        parameters = self._parameters
-        environment = DummyVecEnv([lambda: self.environment(parameters.force_share, parameters.spread_m)])
-        model = (
-            TRPO.load(self._path(seed, number - 1))
-            if number
-            else _untrained(seed, environment, parameters.rollout_steps)
-        )
+        steps = self._parameters.rollout_steps
+        environment = DummyVecEnv([self._usual_environment])
+        model = TRPO.load(self._path(seed, number - 1)) if number else _untrained(seed, environment, steps)
         rollout_seed = seed_from(seed, "rollout", str(number)) % 2**32
         set_random_seed(rollout_seed)
         environment.seed(rollout_seed)
         model.set_env(environment, force_reset=True)
-        model.learn(parameters.rollout_steps, reset_num_timesteps=False)
+        model.learn(steps, reset_num_timesteps=False)
         _save(model, path)
 
     def path(self, seed: int) -> Path:
@@ -249,7 +215,7 @@ class Grasps:
     def known(self, seed: int) -> Act | None:
         """Return the learnt policy of a seed as an act; None if it is not trained yet."""
         path = self.path(seed)
-        return partial(_touched, path) if path.exists() else None
+        return partial(touch_act, path) if path.exists() else None
 
     def _path(self, seed: int, number: int) -> Path:
         return kept_path(__name__, {**self._key, "unit": "policy", "seed": seed, "rollout": number}, ".zip")

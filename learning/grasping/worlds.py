@@ -1,6 +1,6 @@
 """Worlds of a data set's objects, which do not travel: each process that asks for one makes it, once."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -22,6 +22,8 @@ class Worlds(Mapping[str, World]):
     ----------
     objects
         Of the data set.
+    left_out
+        Names of objects that are not read at all.
 
     Attributes
     ----------
@@ -29,8 +31,9 @@ class Worlds(Mapping[str, World]):
         Of their Object Files.
     """
 
-    def __init__(self, objects: Objects) -> None:
-        heavy = sorted(name for name, file in objects.files.items() if file.description["body"] is not None)
+    def __init__(self, objects: Objects, left_out: Collection[str] = ()) -> None:
+        names = sorted(set(objects.ids).difference(left_out))
+        heavy = [name for name in names if objects.files[name].description["body"] is not None]
         self._paths = {name: objects.paths[name] for name in heavy}
         self.digests = {name: objects.digests[name] for name in heavy}
 

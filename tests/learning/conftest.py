@@ -72,6 +72,7 @@ def tiny(small_file, tmp_path_factory):
                     "rollout_steps": 16,
                     "fixed_episodes": 1,
                     "episodes": 8,
+                    "folds": 2,
                 }
             ),
         }

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from learning import encoders, reconstruction, stand_in
+from learning import encoders, reconstruction, runs, stand_in
 from learning.encoders import SPLITS, Encoded, Encoder, object_draws
 from learning.folds import folds_of
-from learning.grasping import stability
+from learning.grasping import policy_comparison, stability, touch_policy, worlds
 from learning.networks import Labelled
 from learning.occupancy import Shapes
 from learning.reconstruction import Trial
@@ -22,7 +22,7 @@ from learning.vertices import AT_VERTICES
 from objectfolder.dataset import ObjectFolderDataset
 from objectfolder.errors import InputError
 from objectfolder.products.provenance import seed_from
-from tests.learning.conftest import at_root
+from tests.learning.conftest import EXAMPLES, at_root, set_of
 
 
 @pytest.fixture(scope="module")
@@ -201,3 +201,42 @@ def test_no_grasp_of_a_test_is_trained_on(objects, tiny):
         if isinstance(case, str):
             assert set(grasps["object"][test]) == {objects.ids.index(case)}
             assert not set(grasps["object"][training]) & set(grasps["object"][test])
+
+
+@pytest.mark.slow
+def test_no_policy_and_no_fixed_move_depends_on_an_object_that_is_left_out(mugs, held, tmp_path, monkeypatch):
+    asked, made = set(), []
+
+    def world_at(path, digest):
+        asked.add(path.stem)
+        return held[0]["mug"]
+
+    monkeypatch.setattr(worlds, "world_at", world_at)
+    for other in ("mug", "bell"):
+        monkeypatch.setattr(runs, "RUNS", tmp_path / other)
+        paths = dict.fromkeys("abc", EXAMPLES / "mug.safetensors") | {"d": EXAMPLES / f"{other}.safetensors"}
+        settings = at_root(mugs, set_of(tmp_path / f"set of {other}", paths))
+        grasps = touch_policy.Grasps(Objects(settings), settings, ["d"])
+        policy = grasps.learnt(settings.regrasping.seeds[0]).policy
+        weights = {name: value.numpy().tobytes() for name, value in policy.state_dict().items()}
+        tried = grasps.tried((0.25, 0.0, 0.0))
+        kept = sorted(path.name for path in (tmp_path / other).iterdir())
+        made.append((weights, {name: values.tobytes() for name, values in tried.items()}, kept))
+    assert made[0] == made[1]
+    assert asked == set("abc")
+
+
+@pytest.mark.slow
+def test_each_episode_is_done_once_by_a_policy_that_does_not_know_its_object(mugs, held, monkeypatch):
+    objects, folds = Objects(mugs), [["a", "d"], ["b", "c"]]
+    for learners in policy_comparison.unseen_learners(objects, mugs, folds).values():
+        done = []
+        for learner, fold in zip(learners, folds, strict=True):
+            assert (
+                set(learner.training.ids) == set(learner.training.worlds.digests) == set("abcd") - set(fold)
+            )
+            environment = learner.test.environment(1.0, 0.01)
+            drawn = {environment.reset(seed=seed)[1]["object"] for seed in learner.test_seeds}
+            assert drawn <= set(fold)
+            done += learner.test_seeds
+        assert sorted(done) == list(learner.test.test_seeds)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from learning import runs
-from learning.grasping import touch_policy
+from learning.grasping import policy_comparison, touch_policy
 from learning.grasping.regrasping import FARTHEST, GEL_SIZES, MOVE, WITHOUT_GELS, Regrasping
 from learning.grasping.touch_policy import LIFT, TEST, play
 from learning.runs import Objects
@@ -30,7 +30,7 @@ def test_an_episode_is_that_of_its_seed_whatever_was_done_before(held):
     environment = _environment(held)
     first = environment.reset(seed=5)[0]
     once = [environment.step(action) for action in (STAY, LIFT)]
-    environment.reset(seed=6)
+    assert environment.reset(seed=6)[1]["object"] == environment.object_of(6)
     environment.step(np.array([1.0, 1.0, 1.0, -1.0], dtype=np.float32))
     np.testing.assert_array_equal(environment.reset(seed=5)[0], first)
     for (seen, rewarded, *_), action in zip(once, (STAY, LIFT), strict=True):
@@ -117,10 +117,48 @@ def _learnt(settings, folder, monkeypatch, rollouts):
 @pytest.mark.slow
 def test_all_that_stands_beside_the_policy_is_figured(mugs, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
-    found = touch_policy.evaluate(Objects(mugs), mugs, Here())
+    found = policy_comparison.evaluate(Objects(mugs), mugs, Here())
     json.dumps(found)
     learnt = {"touch, seed 0", "force, seed 0"}
     assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred"} | learnt
+    assert "unseen" not in found, "all twins are unseen together"
     for one in found["held"].values():
         low, high = one["interval_percent"]
         assert 0 <= low <= one["percent"] <= high <= 100
+
+
+@pytest.mark.slow
+def test_objects_that_no_policy_knows_are_figured_on_the_episodes_of_the_test(mugs, tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "RUNS", tmp_path)
+    monkeypatch.setattr(policy_comparison, "folds_of", lambda objects, settings: [[0, 2], [1, 3]])
+    monkeypatch.setattr(policy_comparison, "FIXED_MOVES", policy_comparison.FIXED_MOVES[:2])
+    found = policy_comparison.evaluate(Objects(mugs), mugs, Here())
+    json.dumps(found)
+    unseen = found["unseen"]
+    assert unseen["folds"] == [["a", "c"], ["b", "d"]]
+    assert len(unseen["fixed_moves"]) == 2
+    assert set(unseen["held"]) == set(unseen["lost"]) == {"touch", "force", "fixed move"}
+    assert set(unseen["touch_ahead"]) == {"first grasp", "random", "force", "fixed move"}
+    drawn = set(found["held"]["random"]["by_object_percent"])
+    for one in unseen["held"].values():
+        assert set(one["by_object_percent"]) == drawn
+    by_object = found["held"]["touch, seed 0"]["by_object_percent"]
+    lost = [by_object[name] - unseen["held"]["touch"]["by_object_percent"][name] for name in drawn]
+    assert unseen["lost"]["touch"]["points"] == pytest.approx(np.mean(lost))
+
+
+def test_an_object_is_unseen_with_its_twins_and_no_fold_has_one_without_a_mass(mugs, monkeypatch):
+    objects, asked = Objects(mugs), []
+
+    def folds_of(objects, settings):
+        asked.append(settings.folds)
+        return [[3, 0], [2], [1]]
+
+    monkeypatch.setattr(policy_comparison, "folds_of", folds_of)
+    assert policy_comparison.unseen_objects(objects, mugs, "abd") == [["a", "d"], ["b"]]
+    assert asked == [mugs.regrasping.folds]
+    without = mugs.regrasping.model_copy(update={"folds": None})
+    assert (
+        policy_comparison.unseen_objects(objects, mugs.model_copy(update={"regrasping": without}), "abcd")
+        == []
+    )

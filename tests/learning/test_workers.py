@@ -9,7 +9,7 @@ import pytest
 
 from learning.dask_workers import in_processes, joined
 from learning.encoders import drawn
-from learning.grasping import stability, touch_policy
+from learning.grasping import policy_comparison, stability, touch_policy
 from learning.grasping.worlds import Worlds
 from learning.runs import Objects
 from learning.workers import Here
@@ -48,7 +48,8 @@ def test_a_worker_draws_what_this_process_draws_and_keeps_the_memory_that_it_fre
 def test_grasps_and_policies_are_the_same_on_any_number_of_workers(bars, tmp_path, monkeypatch):
     monkeypatch.setattr(stability, "BATCH", 3)
     monkeypatch.setattr(touch_policy, "BATCH_EPISODES", 3)
-    monkeypatch.setattr(touch_policy, "FIXED_MOVES", touch_policy.FIXED_MOVES[:2])
+    monkeypatch.setattr(policy_comparison, "FIXED_MOVES", policy_comparison.FIXED_MOVES[:2])
+    monkeypatch.setattr(policy_comparison, "folds_of", lambda objects, settings: [[0, 2], [1, 3]])
     objects, made = Objects(bars), []
     (tmp_path / "parted").mkdir()
     monkeypatch.chdir(tmp_path / "parted")
@@ -61,7 +62,7 @@ def test_grasps_and_policies_are_the_same_on_any_number_of_workers(bars, tmp_pat
         place.write_text(f"kwargs: {{n_workers: {count}, threads_per_worker: 1}}", encoding="utf-8")
         with joined(str(place)) if count else contextlib.nullcontext(Here()) as several:
             grasps = stability.grasps_of(objects, bars, several)
-            made.append((grasps, touch_policy.evaluate(objects, bars, several)))
+            made.append((grasps, policy_comparison.evaluate(objects, bars, several)))
     (grasps, figures), (other_grasps, other_figures) = made
     assert other_figures == figures
     for name, values in grasps.items():
