@@ -39,8 +39,9 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
     fingers lift instead. After the last regrasp they lift in any case. Only lifting ends an episode. It is
     rewarded by 1 where the object is held; each regrasp is charged for.
 
-    A gel whose press cannot be solved shows nothing, as where a collision part stands off the surface.
-    ``unseen`` of what is said beside an observation counts these in the episode.
+    A gel whose press cannot be solved shows its force alone, as where a collision part stands off the
+    surface: other numbers are 0. ``unseen`` of what is said beside an observation counts these in the
+    episode.
 
     Parameters
     ----------
@@ -151,11 +152,15 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
             "force": lambda: felt.force_n / FORCE_N,
             "shear": lambda: np.hstack([_averaged(way) for way in felt.sheared[1].displacement_m]) / SHEAR_M,
         }
-        try:
-            return np.hstack([features[part]() for part in self._shown]).astype(np.float32)
-        except QueryError:
-            self._unseen += 1
-            return np.zeros(self._gel_size, dtype=np.float32)
+        shown, solved = [], True
+        for part in self._shown:
+            try:
+                shown.append(features[part]())
+            except QueryError:
+                solved = False
+                shown.append(np.zeros(GEL_SIZES[part]))
+        self._unseen += not solved
+        return np.hstack(shown).astype(np.float32)
 
 
 def _averaged(field_m: NDArray[np.float64]) -> NDArray[np.float64]:

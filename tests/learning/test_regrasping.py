@@ -69,6 +69,20 @@ def test_a_grasp_that_would_hold_ends_nothing_until_it_is_lifted(held):
     assert environment.step(LIFT)[1:3] == (1.0, True)
 
 
+def test_a_gel_whose_press_cannot_be_solved_shows_its_force_all_the_same(held):
+    environments = [Regrasping(*held, 0.045, 3, 0.0, shown) for shown in (("depth", "force"), ("force",))]
+    unsolved = 0
+    for seed in range(10):
+        (observed, said), (known, _) = (environment.reset(seed=seed) for environment in environments)
+        gels = observed[:-WITHOUT_GELS].reshape(2, -1)
+        depth, force = np.split(gels, [GEL_SIZES["depth"]], axis=1)
+        np.testing.assert_array_equal(force.ravel(), known[:-WITHOUT_GELS])
+        empty = ~depth.any(axis=1) & force.any(axis=1)
+        assert empty.sum() == said["unseen"]
+        unsolved += said["unseen"]
+    assert unsolved, "the hull of a mug stands off its surface under some grasps"
+
+
 @pytest.mark.slow
 def test_who_knows_the_centre_holds_nearly_all_and_who_does_not_half(held):
     environment = _environment(held)
