@@ -17,6 +17,7 @@ from skimage.transform import resize_local_mean
 from learning.grasping.world import HEIGHT_SHARE, HELD_SHARE, YAW_RAD, Grasp, World
 from objectfolder.errors import QueryError
 from objectfolder.live import Felt
+from objectfolder.live.gripper import FINGERS
 
 Floats = NDArray[np.float32]
 POOLED = 8, 6  # rows and columns that fields over a gel are averaged to
@@ -40,8 +41,9 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
     rewarded by 1 where the object is held; each regrasp is charged for.
 
     A gel whose press cannot be solved shows its force alone, as where a collision part stands off the
-    surface: other numbers are 0. ``unseen`` of what is said beside an observation counts these in the
-    episode.
+    surface: other numbers are 0. Where an object lies deeper in a gel than that gives way, as a heavy one
+    squeezed hard, all numbers of both gels are 0. ``unseen`` of what is said beside an observation counts
+    the gels of either kind in the episode.
 
     Parameters
     ----------
@@ -142,7 +144,11 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
         world = self._worlds[self._object_id]
         moved = (self.place - self._first) / MOVE
         remaining = 1 - self._regrasps / self._most
-        gels = [self._gel_features(felt) for felt in world.feel().values()]
+        try:
+            gels = [self._gel_features(felt) for felt in world.feel().values()]
+        except QueryError:
+            self._unseen += len(FINGERS)
+            gels = [np.zeros(self._gel_size, dtype=np.float32) for _ in FINGERS]
         return np.hstack([*gels, world.opening_m / OPENING_M, moved, remaining]).astype(np.float32)
 
     def _gel_features(self, felt: Felt) -> Floats:

@@ -9,6 +9,7 @@ import numpy as np
 from learning.grasping.world import PARTS, World
 from learning.runs import Objects, kept
 from objectfolder import load
+from objectfolder.errors import InputError
 from objectfolder.object_file import ObjectFile
 from objectfolder.simulators.collision import convex_parts
 from objectfolder.simulators.parts_product import parts_product
@@ -25,6 +26,11 @@ class Worlds(Mapping[str, World]):
     left_out
         Names of objects that are not read at all.
 
+    Raises
+    ------
+    InputError
+        No other object has a mass.
+
     Attributes
     ----------
     digests
@@ -34,6 +40,9 @@ class Worlds(Mapping[str, World]):
     def __init__(self, objects: Objects, left_out: Collection[str] = ()) -> None:
         names = sorted(set(objects.ids).difference(left_out))
         heavy = [name for name in names if objects.files[name].description["body"] is not None]
+        if not heavy:
+            folder = str(objects.root / "data" / "object_files")
+            raise InputError(folder, "no object has a mass", "Stage `fidelity` writes it: `make dataset`")
         self._paths = {name: objects.paths[name] for name in heavy}
         self.digests = {name: objects.digests[name] for name in heavy}
 

@@ -15,9 +15,11 @@ from learning.grasping.world import (
     drawn_grasps,
     least_force_n,
 )
+from learning.grasping.worlds import Worlds
 from learning.runs import Objects
 from learning.workers import Here
 from objectfolder import example
+from objectfolder.errors import InputError
 
 PIXELS = 16
 
@@ -62,6 +64,12 @@ def test_attempts_are_those_of_the_seed(world):
     for name in ("image", "touch", "grasp", "held"):
         np.testing.assert_array_equal(once[name], more[name][:3])
     assert once["grasp"].shape == (3, 4)
+
+
+def test_a_data_set_without_masses_is_an_error(bars):
+    objects = Objects(bars)
+    with pytest.raises(InputError, match="no object has a mass"):
+        Worlds(objects, left_out=objects.ids)
 
 
 def test_folds_that_are_not_equal_are_trained_on_as_many(tiny):

@@ -9,8 +9,10 @@ from learning import runs
 from learning.grasping import policy_comparison, touch_policy
 from learning.grasping.regrasping import FARTHEST, GEL_SIZES, MOVE, WITHOUT_GELS, Regrasping
 from learning.grasping.touch_policy import LIFT, TEST, play
+from learning.grasping.world import World
 from learning.runs import Objects
 from learning.workers import Here
+from objectfolder.errors import QueryError
 
 STAY = np.array([0.0, 0.0, 0.0, -1.0], dtype=np.float32)
 
@@ -81,6 +83,20 @@ def test_a_gel_whose_press_cannot_be_solved_shows_its_force_all_the_same(held):
         assert empty.sum() == said["unseen"]
         unsolved += said["unseen"]
     assert unsolved, "the hull of a mug stands off its surface under some grasps"
+
+
+def test_gels_that_an_object_lies_too_deep_in_show_nothing_and_the_episode_goes_on(held, monkeypatch):
+    """As a can of eight kilograms, squeezed with 150 N."""
+
+    def too_deep(self):
+        raise QueryError("left", "lies 6 mm in its gel", "Press less.")
+
+    monkeypatch.setattr(World, "feel", too_deep)
+    environment = _environment(held)
+    observed, said = environment.reset(seed=0)
+    assert said["unseen"] == 2
+    assert not observed[:-WITHOUT_GELS].any()
+    assert environment.step(LIFT)[2]
 
 
 @pytest.mark.slow
