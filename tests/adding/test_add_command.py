@@ -42,8 +42,8 @@ def cup(path: Path, *, scale: float = 1.0, wall: float = 0.004) -> Path:
 
 def add(mesh: Path, table: Path, *options: str) -> int:
     required = {"--material": "ceramic", "--licence": "CC0-1.0", "--table": str(table)}
-    missing = [word for name, value in required.items() if name not in options for word in (name, value)]
-    return main(["add", str(mesh), *missing, *options])
+    words = [word for name, value in required.items() if name not in options for word in (name, value)]
+    return main(["add", str(mesh), *words, *options])
 
 
 def records(table: Path) -> dict:
@@ -123,15 +123,15 @@ def test_adding_again_changes_nothing(tmp_path, capsys):
 def test_an_id_that_is_there_is_replaced_on_demand_only(tmp_path, capsys):
     table = tmp_path / "t.csv"
     assert add(cup(tmp_path / "a" / "cup.stl"), table, "--no-preview") == 0
-    other = cup(tmp_path / "b" / "cup.stl", wall=0.005)
+    mesh = cup(tmp_path / "b" / "cup.stl", wall=0.005)
     before = table.read_bytes()
     for options in ((), ("--id", "CUP")):
-        assert add(other, table, "--no-preview", *options) == 1
+        assert add(mesh, table, "--no-preview", *options) == 1
         assert "--replace" in capsys.readouterr().err
         assert table.read_bytes() == before
-    assert add(other, table, "--no-preview", "--replace") == 0
+    assert add(mesh, table, "--no-preview", "--replace") == 0
     record = records(table)["cup"]
-    assert record.mesh.read_bytes() == other.read_bytes()
+    assert record.mesh.read_bytes() == mesh.read_bytes()
     assert len([path for path in (tmp_path / "t").iterdir() if path.is_dir()]) == 1
 
 
@@ -272,8 +272,8 @@ def test_objects_added_at_the_same_time_are_all_there(tmp_path):
     for writer in writers:
         writer.join()
         assert writer.exitcode == 0
-    found = records(table)
-    assert {name: record.mesh.read_bytes() for name, record in found.items()} == {
+    entries = records(table)
+    assert {name: record.mesh.read_bytes() for name, record in entries.items()} == {
         mesh.stem: mesh.read_bytes() for mesh in meshes
     }
 

@@ -79,8 +79,8 @@ def test_every_format_is_copied_whole(tmp_path, suffix):
     again = load_mesh(copy)
     np.testing.assert_array_equal(again.vertices, loaded.vertices)
     np.testing.assert_array_equal(again.textures[0], loaded.textures[0])
-    others = {path.name: path.read_bytes() for path in copy.parent.iterdir() if path != copy}
-    assert others == {name: data for name, data in before.items() if name != mesh.name}
+    companions = {path.name: path.read_bytes() for path in copy.parent.iterdir() if path != copy}
+    assert companions == {name: data for name, data in before.items() if name != mesh.name}
 
 
 def test_a_texture_beside_the_meshes_folder_stays_beside_it(tmp_path):

@@ -30,10 +30,10 @@ def tube(wall: float, outer: float = 0.04, height: float = 0.1) -> TexturedMesh:
     )
     faces = []
     for ring in range(4):
-        here, following = 4 * ring, 4 * ((ring + 1) % 4)
+        base, next_base = 4 * ring, 4 * ((ring + 1) % 4)
         for corner in range(4):
-            a, b = here + corner, here + (corner + 1) % 4
-            c, d = following + corner, following + (corner + 1) % 4
+            a, b = base + corner, base + (corner + 1) % 4
+            c, d = next_base + corner, next_base + (corner + 1) % 4
             faces += [[a, b, c], [b, d, c]]
     return mesh_of(vertices, np.array(faces))
 

@@ -15,15 +15,17 @@ from bench.reality.row import Aim, Row, page
 def test_the_page_groups_lines_by_sense_and_cites_each_source_once():
     aims = Aim("median", most=1.4), Aim("worst", most=1.6)
     row = Row("sound", "a bowl", "decay", {"median": 1.04, "worst": 1.9}, "", "", "all", "Who, 2024", 2, aims)
-    other = Row("touch", "a gel", "force, %", {"worst": 2.5}, "1 %", "its modulus", "half", "Whom, 2023", 0.2)
-    text = page([row, row, other])
+    second_row = Row(
+        "touch", "a gel", "force, %", {"worst": 2.5}, "1 %", "its modulus", "half", "Whom, 2023", 0.2
+    )
+    text = page([row, row, second_row])
     outcome = "median at most 1.4: met; worst at most 1.6: **missed by 0.3**"
     assert text.count(f"median 1.04, worst 1.9 | {outcome} | not known | nothing | all | 2.0 |") == 2
     assert text.index("## Sound") < text.index("a bowl") < text.index("## Touch") < text.index("a gel")
     assert text.count("Who, 2024") == 1
     assert Aim("off", most=51.0).verdict({"off": -124.0}) == "off at most 51: **missed by 73**"
     assert Aim("mean", least=23.0).verdict({"mean": 22.5}) == "mean at least 23: **missed by 0.5**"
-    assert "](touch.svg)\n\n## Sources" in page([row, other], {"touch": "touch.svg"})
+    assert "](touch.svg)\n\n## Sources" in page([row, second_row], {"touch": "touch.svg"})
 
 
 @pytest.mark.slow
@@ -37,9 +39,9 @@ def test_pictures_are_small_and_the_same_for_the_same_figures(tmp_path: Path) ->
         (tmp_path / folder).mkdir()
         draw(rows, tmp_path / folder)
     for name in (DECAYS, PHOTOGRAPHS):
-        drawn = (tmp_path / "a" / name).read_bytes()
-        assert drawn == (tmp_path / "b" / name).read_bytes()
-        assert len(drawn) < 50_000
+        content = (tmp_path / "a" / name).read_bytes()
+        assert content == (tmp_path / "b" / name).read_bytes()
+        assert len(content) < 50_000
     assert "a bowl" in (tmp_path / "a" / DECAYS).read_text()
     assert "a gel" in (tmp_path / "a" / PHOTOGRAPHS).read_text()
 

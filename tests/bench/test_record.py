@@ -15,12 +15,12 @@ def test_figures_are_kept_with_settings_versions_and_what_was_compared(tmp_path:
         "rates", figures, {"cases": ("a", "b")}, "ours against the rival", folder=tmp_path / "new"
     )
     assert path == tmp_path / "new" / "rates.json"
-    found = json.loads(path.read_text(encoding="utf-8"))
-    assert found["figures"] == {"seconds": 1.5, "errors": [1, 2], "rival": None}
-    assert found["settings"] == {"cases": ["a", "b"]}
-    assert found["compared"] == "ours against the rival"
-    assert found["versions"]["numpy"] == np.__version__
-    assert found["versions"]["processor"]
+    document = json.loads(path.read_text(encoding="utf-8"))
+    assert document["figures"] == {"seconds": 1.5, "errors": [1, 2], "rival": None}
+    assert document["settings"] == {"cases": ["a", "b"]}
+    assert document["compared"] == "ours against the rival"
+    assert document["versions"]["numpy"] == np.__version__
+    assert document["versions"]["processor"]
 
 
 def test_numbers_that_are_not_finite_and_foreign_values_leave_no_file(tmp_path: Path) -> None:

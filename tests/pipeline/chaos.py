@@ -73,12 +73,12 @@ class Killed:
 def victims(ground: Ground, spared: Collection[tuple[str, str]] = ()) -> dict[str, list[psutil.Process]]:
     """Return the processes that run tasks, those at what is spared left out, and their workers."""
     alive = {process.pid: process for process in ground.processes()}
-    last = {one.pid: one.work for one in ground.executions()}
+    last = {execution.pid: execution.work for execution in ground.executions()}
     children = [alive[pid] for pid in sorted(last.keys() & alive.keys()) if last[pid] not in spared]
     workers = []
     for child in children:
         with contextlib.suppress(psutil.Error):
-            workers += [one for one in child.parents() if is_worker(one) and one not in workers]
+            workers += [parent for parent in child.parents() if is_worker(parent) and parent not in workers]
     return {"child": children, "worker": workers}
 
 
@@ -95,7 +95,7 @@ def kill(ground: Ground, what: str, process: psutil.Process) -> Killed:
         doomed += process.children(recursive=True)
     process.send_signal(signal.SIGKILL)
     wait_for(lambda: all(map(is_gone, doomed)), f"all that belongs to the {what} is gone")
-    pids = {one.pid for one in (*doomed, *hit)}
+    pids = {victim.pid for victim in (*doomed, *hit)}
     last = {execution.pid: execution.work for execution in ground.executions() if execution.pid in pids}
     stood = {work for work in last.values() if ground.stands(work)}
     return Killed(what, process.pid, tuple(sorted(set(last.values()) - stood)), tuple(sorted(stood)))
@@ -111,13 +111,13 @@ def is_gone(process: psutil.Process) -> bool:
 
 def redone(ground: Ground, executions: Iterable[Execution], since: Mapping[Path, float]) -> dict[str, int]:
     """Return how often tasks began although all their products stood since before."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     stages = {stage.name: stage for stage in ground.toys.stages}
     for execution in executions:
         targets = stages[execution.task].targets(ground.root, execution.object_id)
         if all(since.get(path, math.inf) < execution.time for path in targets):
-            found[" ".join(execution.work)] += 1
-    return dict(found)
+            counts[" ".join(execution.work)] += 1
+    return dict(counts)
 
 
 def unexplained(executions: Iterable[Execution], kills: Collection[Killed]) -> dict[str, int]:

@@ -127,8 +127,8 @@ class Round:
             self.exit_codes.append(self._driver.returncode)
             self._driver = None
         if self._driver is None:
-            given = {"OBJECTFOLDER_CLUSTER": self._address} if self._place == ADDRESS else {}
-            self._driver = self._start(**given)
+            environment = {"OBJECTFOLDER_CLUSTER": self._address} if self._place == ADDRESS else {}
+            self._driver = self._start(**environment)
         return self._driver
 
     def _start(self, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
@@ -139,7 +139,7 @@ class Round:
         while True:
             driver = self._running_driver()
             begun = len(self.ground.executions())
-            left = len(self.ground.works) - len({one.work for one in self.ground.executions()})
+            left = len(self.ground.works) - len({execution.work for execution in self.ground.executions()})
             more = self._chance.randint(1, max(1, left // kills_left))
             self._wait_for_tasks(begun + more, driver)
             delay_s = self._chance.uniform(0.0, self._task_s)
@@ -147,11 +147,11 @@ class Round:
                 driver.wait(delay_s)
             if driver.poll() is not None:
                 return  # it ended before the moment came
-            found = self._candidates(kind, driver)
-            if not found:
+            candidates = self._candidates(kind, driver)
+            if not candidates:
                 continue
             with contextlib.suppress(psutil.NoSuchProcess):
-                self.kills.append(kill(self.ground, kind, self._chance.choice(found)))
+                self.kills.append(kill(self.ground, kind, self._chance.choice(candidates)))
                 stood = sum(map(self.ground.stands, self.ground.works))  # slow: not before the kill
                 self.moments.append(
                     {"executions_begun": begun + more, "then_s": round(delay_s, 4), "finished": stood}
@@ -170,12 +170,12 @@ class Round:
             assert process is not None
             assert process.poll() is None, f"the {kind} ended by itself"
             return [psutil.Process(process.pid)]
-        found = victims(self.ground, self._cut_short())
+        processes = victims(self.ground, self._cut_short())
         keepers = {driver.pid} if self._place == LOCAL else {process.pid for process in self._workers}
-        for worker in found[WORKER]:
+        for worker in processes[WORKER]:
             with contextlib.suppress(psutil.NoSuchProcess):
-                assert keepers & {one.pid for one in worker.parents()}, "a worker of another place"
-        return found[kind]
+                assert keepers & {parent.pid for parent in worker.parents()}, "a worker of another place"
+        return processes[kind]
 
     def _cut_short(self) -> set[tuple[str, str]]:
         """Return what a kill of its own process cut short: a second one would count as its own fault."""

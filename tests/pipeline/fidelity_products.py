@@ -39,10 +39,10 @@ def views(count: int, height: int, width: int, noise: float, seed: int) -> tuple
 
 
 def pictures(
-    sense: str, pairs: tuple[np.ndarray, np.ndarray], scores: list[float], kept: int
+    sense: str, pairs: tuple[np.ndarray, np.ndarray], scores: list[float], count: int
 ) -> dict[str, Array]:
     """A sheet of all pairs, and some of them as they are, from the worst to the best."""
-    chosen = np.argsort(scores)[np.linspace(0, len(scores) - 1, kept).round().astype(int)]
+    chosen = np.argsort(scores)[np.linspace(0, len(scores) - 1, count).round().astype(int)]
     truth, answer = (
         Array(pair[chosen], ("query", "y", "x", "channel"), "1", "a few of them") for pair in pairs
     )
@@ -57,13 +57,13 @@ def fidelity(
     audible: bool = True,
     shift: float = 0.0,
     size: int = 32,
-    kept: int = 4,
+    stored_pairs: int = 4,
 ) -> Product:
     """A fidelity product; `shift` makes every measure worse by as many dB."""
-    seen = views(HELD_OUT["vision"], size, size, 2 + shift, 1)
-    felt = views(HELD_OUT["touch"], size * 5 // 4, size * 15 // 16, 1 + shift, 2)
+    view_pairs = views(HELD_OUT["vision"], size, size, 2 + shift, 1)
+    touch_pairs = views(HELD_OUT["touch"], size * 5 // 4, size * 15 // 16, 1 + shift, 2)
     view_scores, touch_scores = (
-        [psnr_db(*pair) for pair in zip(*pairs, strict=True)] for pairs in (seen, felt)
+        [psnr_db(*pair) for pair in zip(*pairs, strict=True)] for pairs in (view_pairs, touch_pairs)
     )
     partials = [(561.6 * 1.7**index, 2.0 + 6.0 * index**1.5) for index in range(7)]
     frequencies, dampings = (np.array([column] * 2) for column in zip(*partials, strict=True))
@@ -182,8 +182,8 @@ def fidelity(
     }
     return Product(
         {
-            **pictures("vision", seen, view_scores, kept),
-            **pictures("touch", felt, touch_scores, kept),
+            **pictures("vision", view_pairs, view_scores, stored_pairs),
+            **pictures("touch", touch_pairs, touch_scores, stored_pairs),
             **(strikes if audible else {}),
         },
         attributes,

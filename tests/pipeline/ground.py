@@ -224,12 +224,12 @@ class Ground:
 
 def marked(mark: str) -> list[psutil.Process]:
     """Return the living processes that carry a mark in their environment."""
-    found = []
+    processes = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error, OSError):
             if process.status() != psutil.STATUS_ZOMBIE and process.environ().get(MARK) == mark:
-                found.append(process)
-    return found
+                processes.append(process)
+    return processes
 
 
 def is_whole(path: Path) -> bool:

@@ -148,12 +148,12 @@ class Host:
     def processes(self) -> list[psutil.Process]:
         """Return all that runs in the network of the host, its holder left out."""
         mine = os.readlink(f"/proc/{self._holder.pid}/ns/net")
-        found = []
+        processes = []
         for process in psutil.process_iter():
             with contextlib.suppress(OSError, psutil.Error):
                 if process.pid != self._holder.pid and os.readlink(f"/proc/{process.pid}/ns/net") == mine:
-                    found.append(process)
-        return found
+                    processes.append(process)
+        return processes
 
     def kill(self) -> None:
         """End all that runs here, as a power cut does."""

@@ -29,10 +29,10 @@ def job(toys: Toys, name: str, body: str = "1.0", needs: frozenset[str] = frozen
 
 def run(runner: Runner, *jobs: Job) -> list[Finished]:
     """Run jobs to their ends; return these, in the order of the jobs."""
-    for one in jobs:
-        runner.submit(one)
+    for task in jobs:
+        runner.submit(task)
     ends = {end.job.object_id: end for end in runner.finished(lambda running, threads: None)}
-    return [ends[one.object_id] for one in jobs]
+    return [ends[task.object_id] for task in jobs]
 
 
 @contextlib.contextmanager
@@ -82,14 +82,14 @@ def scheduler(folder: Path, port: int = 0, *arguments: str) -> Iterator[tuple[st
     """Run a scheduler; yield its address and its process."""
     log = folder / "scheduler.log"
     mark = "Scheduler at:"
-    seen = log.read_text().count(mark) if log.exists() else 0
+    marks = log.read_text().count(mark) if log.exists() else 0
     options = ("--host", "127.0.0.1", "--port", str(port), "--dashboard-address", "127.0.0.1:0", *arguments)
     with command(folder, "scheduler", *options) as process:
 
         def address() -> str:
             assert process.poll() is None, log.read_text()
-            found = [line for line in log.read_text().splitlines() if mark in line]
-            return found[-1].split()[-1] if len(found) > seen else ""
+            lines = [line for line in log.read_text().splitlines() if mark in line]
+            return lines[-1].split()[-1] if len(lines) > marks else ""
 
         eventually(address)
         yield address(), process

@@ -35,8 +35,8 @@ def environment(address: str) -> dict[str, str]:
 @contextlib.contextmanager
 def serving() -> Iterator[str]:
     """Yield the address of a server."""
-    if other := os.environ.get(OTHER):
-        yield other
+    if server_address := os.environ.get(OTHER):
+        yield server_address
         return
     pytest.importorskip("flask_cors", reason="moto's server is not installed")
     logging.getLogger("werkzeug").setLevel(logging.ERROR)

@@ -50,8 +50,8 @@ def carry(ends: tuple[int, int]) -> None:
                 continue
             sent_by[end] = begin + 8 * len(frame) / rate_bit_s
             count += 1
-            other = ends[1] if end == ends[0] else ends[0]
-            heapq.heappush(due, (sent_by[end] + delay_s, count, other, frame))
+            far_end = ends[1] if end == ends[0] else ends[0]
+            heapq.heappush(due, (sent_by[end] + delay_s, count, far_end, frame))
         while due and due[0][0] <= now:
             _, _, end, frame = heapq.heappop(due)
             try:

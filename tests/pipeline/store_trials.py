@@ -132,12 +132,12 @@ class Trials:
 
     def _torn(self, bucket: str) -> int:
         """Number of objects in the store that are not what their name promises."""
-        found = s3_server.contents(self._server, bucket)
+        objects = s3_server.contents(self._server, bucket)
         return sum(
             hashlib.sha256(content).hexdigest() != name.rpartition("/")[2]
             if name.startswith("sources/")
             else self._stored.get(name) != content
-            for name, content in found.items()
+            for name, content in objects.items()
         )
 
     def _wipe(self) -> None:

@@ -43,13 +43,13 @@ def test_a_place_that_cannot_be_written_is_said_before_anything_is_made(tmp_path
 
 def test_the_same_command_resumes_and_a_build_that_succeeds_leaves_nothing() -> None:
     folder = interrupt("mug.safetensors")
-    with unfinished_build(Path("mug.obj"), Path("other.safetensors")) as other:
-        other.mkdir()
+    with unfinished_build(Path("mug.obj"), Path("other.safetensors")) as other_folder:
+        other_folder.mkdir()
     with unfinished_build(Path("mug.obj").absolute(), Path("mug.safetensors")) as resumed:
         assert (resumed / "views").read_bytes() == b"views"
-    assert resumed == folder != other
+    assert resumed == folder != other_folder
     assert not folder.exists()
-    assert not other.exists()
+    assert not other_folder.exists()
 
 
 def test_old_builds_go(cache: Path) -> None:
@@ -69,4 +69,4 @@ def test_a_build_ends_with_the_first_stage_that_fails() -> None:
                 yield Finished(Job(call), Outcome("mug", error))
 
     ended = list(UntilFailure(Failing()).finished(lambda busy, total: None))
-    assert [one.outcome.failure is None for one in ended] == [True, False]
+    assert [end.outcome.failure is None for end in ended] == [True, False]

@@ -92,8 +92,8 @@ def used(tmp_path, monkeypatch):
 
 def files(root):
     """Return all files but git's own and the lock that every run makes."""
-    found = (path for path in root.rglob("*") if path.is_file() and ".git" not in path.parts)
-    return {path.relative_to(root).as_posix() for path in found} - {".objectfolder/run.lock"}
+    paths = (path for path in root.rglob("*") if path.is_file() and ".git" not in path.parts)
+    return {path.relative_to(root).as_posix() for path in paths} - {".objectfolder/run.lock"}
 
 
 def test_nothing_is_removed_unless_asked_for(used, capsys):

@@ -181,13 +181,13 @@ def test_the_full_folder_is_the_outputs_where_an_error_names_none(
 
 
 def test_letters_that_a_terminal_has_not_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
-    written = io.BytesIO()
-    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii"))
+    output = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(output, encoding="ascii"))
     monkeypatch.setattr(objectfolder, "load", lambda path: print("Tasse \u676f") or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         main(["info", "x.safetensors"])
     sys.stdout.flush()
-    assert written.getvalue() == b"Tasse \\u676f\n"
+    assert output.getvalue() == b"Tasse \\u676f\n"
 
 
 @pytest.mark.parametrize(
@@ -279,9 +279,9 @@ def test_sampled_queries_feed_render_strike_and_press(
     )
     cameras, lights = bar.sample_views(2, seed=4)
     for index, expected in enumerate(bar.render(cameras, lights, resolution=20)):
-        found = np.asarray(Image.open(images / f"{index:04d}.png")).astype(int)
+        image = np.asarray(Image.open(images / f"{index:04d}.png")).astype(int)
         # A pose is made again from its position, to rounding.
-        assert np.abs(found - expected).max() <= 1
+        assert np.abs(image - expected).max() <= 1
 
     sounds, contacts = tmp_path / "sounds", ["--points", str(queries / "points.npy")]
     strike = ["strike", file, *contacts, "--forces", str(queries / "forces.npy"), "--duration", "0.1"]
@@ -415,10 +415,10 @@ def test_figures_are_json_where_that_is_asked_for(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("pipeline.run.single_build.build_object_file", build)
     assert main([*words.replace("FILE", str(small_file)).split(), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert figures.items() <= found.items()
+    answer = json.loads(capsys.readouterr().out)
+    assert figures.items() <= answer.items()
     if words.startswith("build"):
-        assert found["fidelity"] == objectfolder.load(small_file).description["fidelity"]
+        assert answer["fidelity"] == objectfolder.load(small_file).description["fidelity"]
 
 
 def test_failures_are_json_where_that_is_asked_for(
@@ -455,8 +455,8 @@ def test_what_a_run_did_is_json_where_that_is_asked_for(
 
 
 def test_each_command_that_prints_figures_prints_json_too() -> None:
-    commands = {command_name(one): one for several in COMMANDS.values() for one in several}
-    without = {name for name, one in commands.items() if "json" not in signature(one).parameters}
+    commands = {command_name(command): command for group in COMMANDS.values() for command in group}
+    without = {name for name, command in commands.items() if "json" not in signature(command).parameters}
     # These print the paths that they wrote, or what they changed, or an address, or nothing.
     assert without == {"cards", "code", "demo", "inputs", "select", "starter", "view"}
 

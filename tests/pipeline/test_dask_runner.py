@@ -39,8 +39,8 @@ def noted(toys, name: str, seconds: float = 0.3, **expected: object) -> Job:
     body = (
         f"begin = time.time(); time.sleep({seconds}); open({path!r}, 'w').write(f'{{begin}} {{time.time()}}')"
     )
-    made = job(toys, name, f"poison {body}\n1.0")
-    return dataclasses.replace(made, **expected)
+    template = job(toys, name, f"poison {body}\n1.0")
+    return dataclasses.replace(template, **expected)
 
 
 def end_workers() -> None:
@@ -66,9 +66,9 @@ def local(tmp_path_factory):
         root = tmp_path_factory.mktemp("runner")
         patch.syspath_prepend(str(root))
         patch.setenv("PYTHONPATH", os.pathsep.join([str(root), os.environ.get("PYTHONPATH", "")]))
-        made = Toys(root, "toys_of_runner")
+        data_set = Toys(root, "toys_of_runner")
         with runner(TWO.model_copy(update={"pools_within_s": 1.0}), root, 4) as started:
-            yield made, started
+            yield data_set, started
 
 
 def test_an_error_of_a_task_is_its_outcome(local):
@@ -89,12 +89,12 @@ def test_a_task_whose_process_is_killed_once_is_tried_again_alone(local):
     path = str(toys.root / "victim.times")
     body = f"import os; {once}; begin = time.time(); time.sleep(0.5); "
     body += f"open({path!r}, 'w').write(f'{{begin}} {{time.time()}}')\n1.0"
-    others = [noted(toys, f"other_{index}", 0.5, memory_bytes=10**8) for index in range(6)]
-    victim, *rest = run(started, job(toys, "victim", f"poison {body}"), *others)
+    neighbours = [noted(toys, f"other_{index}", 0.5, memory_bytes=10**8) for index in range(6)]
+    victim, *rest = run(started, job(toys, "victim", f"poison {body}"), *neighbours)
     assert victim.tries == 2
     assert victim.outcome.failure is None
     assert not any(end.outcome.failure for end in rest)
-    assert not any(overlap(toys.root, "victim", one.object_id) for one in others)
+    assert not any(overlap(toys.root, "victim", neighbour.object_id) for neighbour in neighbours)
 
 
 def test_the_longest_chain_runs_first_and_memory_is_kept(local):
@@ -107,8 +107,8 @@ def test_the_longest_chain_runs_first_and_memory_is_kept(local):
     assert not any(end.outcome.failure for end in run(started, *jobs))
     spans = {name: times(toys.root, name) for name in shape}
     for begin, _ in spans.values():
-        held = sum(shape[name][1] for name, (first, last) in spans.items() if first <= begin < last)
-        assert held <= 4 * 10**9
+        total_bytes = sum(shape[name][1] for name, (first, last) in spans.items() if first <= begin < last)
+        assert total_bytes <= 4 * 10**9
     # The first two begin before the others are known; two that begin at once may say so in either order.
     begins = [spans[f"sized_{index}"][0] for index in range(2, 8)]
     assert all(longer <= shorter + 0.2 for shorter, longer in itertools.pairwise(begins))
@@ -120,7 +120,7 @@ def test_a_task_larger_than_any_worker_runs_alone_on_the_largest(local):
     small = [noted(toys, f"small_{index}", path_seconds=1.0, memory_bytes=10**8) for index in range(4)]
     giant = noted(toys, "giant", path_seconds=2.0, memory_bytes=10**15)
     assert not any(end.outcome.failure for end in run(started, *small, giant))
-    assert not any(overlap(toys.root, "giant", one.object_id) for one in small)
+    assert not any(overlap(toys.root, "giant", neighbour.object_id) for neighbour in small)
 
 
 @pytest.mark.slow

@@ -128,10 +128,10 @@ def test_life_of_a_data_set(repository, tmp_path, capfd):
     repository.edit(touches, "def product(chunks, attributes):\n", '    attributes["constant"] = 1\n')
     assert repository.status() == ["code"]
     changed = ("data/touches", "data/fidelity", "data/object_files")  # Object Files carry their fidelity
-    others = {path: md5 for path, md5 in first.items() if not path.startswith(changed)}
+    rest = {path: md5 for path, md5 in first.items() if not path.startswith(changed)}
     assert repository.repro() == tasks(["touches", "fidelity"], FIRST, SECOND, THIRD)
     assert repository.status() == []
-    assert others.items() <= repository.products().items()
+    assert rest.items() <= repository.products().items()
 
     # An object that fails is tried by every run until it is cured. What is finished is recorded.
     mesh = repository.mesh(SECOND).read_text()

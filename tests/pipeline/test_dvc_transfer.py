@@ -33,8 +33,8 @@ def commit(root: Path, message: str) -> None:
     git.index.add_all()
     git.index.write()
     parents = [] if git.head_is_unborn else [git.head.target]
-    made = git.create_commit("HEAD", SIGNATURE, SIGNATURE, message, git.index.write_tree(), parents)
-    git.create_reference(f"refs/tags/{message}", made)
+    commit_id = git.create_commit("HEAD", SIGNATURE, SIGNATURE, message, git.index.write_tree(), parents)
+    git.create_reference(f"refs/tags/{message}", commit_id)
 
 
 def made_data_set(root: Path, store: Path) -> dict[str, str]:
@@ -47,9 +47,9 @@ def made_data_set(root: Path, store: Path) -> dict[str, str]:
     (root / ".dvc" / "config").write_text(
         f"[core]\n    remote = store\n['remote \"store\"']\n    url = {store}\n"
     )
-    written = {}
+    texts = {}
     with opened(root) as repository:
-        stages = [one for one in repository.index.stages if one.path_in_repo == "dvc.yaml"]
+        stages = [stage for stage in repository.index.stages if stage.path_in_repo == "dvc.yaml"]
         outs = {str(out): out for stage in stages for out in stage.outs}
         for name in outs:
             path = root / name
@@ -60,14 +60,14 @@ def made_data_set(root: Path, store: Path) -> dict[str, str]:
             keys = dict.fromkeys([*STAGES, STARTER, REPORT, SENSOR], "first")
             text = json.dumps({**keys, "stages": keys}) if path.suffix == ".json" else f"first {name}"
             path.write_text(text)
-            written[path.relative_to(root).as_posix()] = text
+            texts[path.relative_to(root).as_posix()] = text
         deps = {str(dep) for stage in stages for dep in stage.deps} - outs.keys()
         for name in sorted(deps, reverse=True):  # what lies in a folder before the folder
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             if not (root / name).exists():
                 (root / name).write_text("code")
         repository.commit(force=True, target="dvc.yaml")
-    return written
+    return texts
 
 
 @pytest.mark.slow

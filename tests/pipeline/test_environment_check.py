@@ -47,21 +47,21 @@ def test_an_equal_environment_has_no_difference():
     ],
 )
 def test_what_differs_is_named(change, expected):
-    found = HERE.model_copy(update=change)
-    assert differences_of(HERE, found) == [expected.format(python=HERE.python, **HERE.packages)]
+    environment = HERE.model_copy(update=change)
+    assert differences_of(HERE, environment) == [expected.format(python=HERE.python, **HERE.packages)]
 
 
 def test_all_stages_are_covered():
-    wanted = environment_of(STAGES.values())
-    assert {stage.task.partition(":")[0] for stage in STAGES.values()} == set(wanted.code)
-    assert {name for stage in STAGES.values() for name in stage.packages} == set(wanted.packages)
+    environment = environment_of(STAGES.values())
+    assert {stage.task.partition(":")[0] for stage in STAGES.values()} == set(environment.code)
+    assert {name for stage in STAGES.values() for name in stage.packages} == set(environment.packages)
 
 
 def test_another_process_of_this_installation_finds_no_difference():
-    for wanted, said in ((HERE, ""), (HERE.model_copy(update={"python": "2.7"}), "Python 3.")):
+    for environment, said in ((HERE, ""), (HERE.model_copy(update={"python": "2.7"}), "Python 3.")):
         answer = subprocess.run(
             [sys.executable, "-m", "pipeline.cluster.environment_check"],
-            input=wanted.model_dump_json(),
+            input=environment.model_dump_json(),
             capture_output=True,
             text=True,
             check=True,
@@ -79,7 +79,7 @@ def test_a_differing_worker_gets_no_work_and_the_run_says_which_and_why(toys, ca
         address, _ = stack.enter_context(scheduler(toys.root))
         place = Place(address=address, pools_within_s=2.0)
         path = os.pathsep.join([str(older.parent), str(REPOSITORY), os.environ["PYTHONPATH"]])
-        other = stack.enter_context(worker(toys.root, address, PYTHONPATH=path))
+        process = stack.enter_context(worker(toys.root, address, PYTHONPATH=path))
         with (
             runner(place, toys.root, 3, [toys.ingest]) as started,
             pytest.raises(SimulationError, match=r"no worker may work.*numpy 1\.0 instead of"),
@@ -91,7 +91,7 @@ def test_a_differing_worker_gets_no_work_and_the_run_says_which_and_why(toys, ca
                 # A late joiner is looked at as well, and this one may work.
                 stack.enter_context(worker(toys.root, address))
             assert ends[0].outcome.failure is None
-        assert other.poll() is None
+        assert process.poll() is None
     said = capfd.readouterr().err
     assert "gets no work: numpy 1.0 instead of" in said
     assert "requirements.lock" in said

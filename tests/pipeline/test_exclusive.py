@@ -128,8 +128,8 @@ def test_programs_that_a_killed_owner_started_do_not_hold_its_lock(tmp_path, mon
 
 def test_a_run_of_another_checkout_is_no_part_of_this_one(tmp_path, monkeypatch):
     monkeypatch.setenv(WAIT, "0")
-    one, other = tmp_path / "one", tmp_path / "other"
-    with holder(other), exclusive(one, "x"), pytest.raises(InputError), exclusive(other, "x"):
+    first, second = tmp_path / "one", tmp_path / "other"
+    with holder(second), exclusive(first, "x"), pytest.raises(InputError), exclusive(second, "x"):
         pytest.fail("two runs at once")
 
 

@@ -109,8 +109,10 @@ class Site:
 
     def wait_for_workers(self) -> None:
         """Wait until all are at the scheduler: how soon one returns is Dask's affair and the kernel's."""
-        asked = self["driver"].python("-c", ALL_HERE, self.address, environment=self.environment, log="asked")
-        assert asked.wait() == 0, self["driver"].read("asked")
+        process = self["driver"].python(
+            "-c", ALL_HERE, self.address, environment=self.environment, log="asked"
+        )
+        assert process.wait() == 0, self["driver"].read("asked")
 
     def close(self) -> None:
         self.network.close()
@@ -141,13 +143,13 @@ class Run:
 
     def executions(self, *hosts: str) -> list[Execution]:
         """Return what began for this scenario, in order, on all workers or on some."""
-        found = [
-            one
+        executions = [
+            execution
             for host in hosts or WORKERS
-            for one in read_executions(self.site[host].folder / "executed.log")
+            for execution in read_executions(self.site[host].folder / "executed.log")
         ]
-        mine = [one for one in found if one.object_id in self.ground.toys.rows]
-        return sorted(mine, key=lambda one: one.time)
+        mine = [execution for execution in executions if execution.object_id in self.ground.toys.rows]
+        return sorted(mine, key=lambda execution: execution.time)
 
     def wait_until_under_way(self, host: str, count: int = 3) -> None:
         """Wait until a worker is at work and some tasks have begun."""
@@ -161,8 +163,12 @@ class Run:
     def unfinished(self, *hosts: str, since: float = math.inf) -> set[tuple[str, str]]:
         """Return what hosts are at: begun last by a process that lives or began since, not arrived."""
         alive = set(psutil.pids())
-        found = self.executions(*hosts)
-        last = {one.pid: one.work for one in found if one.pid in alive or one.time >= since}
+        executions = self.executions(*hosts)
+        last = {
+            execution.pid: execution.work
+            for execution in executions
+            if execution.pid in alive or execution.time >= since
+        }
         return {work for work in last.values() if not self.ground.stands(work)}
 
     @contextlib.contextmanager
@@ -184,14 +190,14 @@ class Run:
                 break
             self.process = self.start()
         assert self.process.wait(300) == 0, self.output()
-        counts = Counter(one.work for one in self.executions())
+        counts = Counter(execution.work for execution in self.executions())
         assert set(counts) == self.ground.works
         again = {work: count for work, count in counts.items() if count > 1 + (work in self.allowed)}
         assert again == {}
         assert redone(self.ground, self.executions(), self.watcher.whole_since) == {}
-        made, reference = self.ground.digests(), self.site.reference.digests()
-        assert len(made) == 4 * len(CONTENTS[self.scenario])
-        assert {name for name, digest in made.items() if reference[name] != digest} == set()
+        digests, reference = self.ground.digests(), self.site.reference.digests()
+        assert len(digests) == 4 * len(CONTENTS[self.scenario])
+        assert {name for name, digest in digests.items() if reference[name] != digest} == set()
 
     def output(self) -> str:
         return self.site["driver"].read()[-4000:]
@@ -203,18 +209,18 @@ def site(tmp_path_factory) -> Iterator[Site]:
         pytest.skip(reason)
     for needed in ("boto3", "moto.server", "obstore"):
         pytest.importorskip(needed)
-    made = Site(tmp_path_factory.mktemp("site"))
+    hosts = Site(tmp_path_factory.mktemp("site"))
     before = os.environ.get("PATIENCE")
     os.environ["PATIENCE"] = "0"
-    sys.path.insert(0, str(made.reference.root))
+    sys.path.insert(0, str(hosts.reference.root))
     try:
-        made.start()
-        made.reference.toys.flow()
-        yield made
+        hosts.start()
+        hosts.reference.toys.flow()
+        yield hosts
     finally:
-        sys.path.remove(str(made.reference.root))
+        sys.path.remove(str(hosts.reference.root))
         os.environ.pop("PATIENCE") if before is None else os.environ.update(PATIENCE=before)
-        made.close()
+        hosts.close()
 
 
 @pytest.fixture

@@ -116,10 +116,10 @@ def _kill_when_it_has_a_child(task, victim):
 def test_what_a_killed_guard_leaves_is_ended_too(toys):
     (call,) = calls_of(toys, ["long"], {"long": HANG})
     with Child(toys.root, ChildSettings()) as child:
-        seen: set[int] = set()
+        pids: set[int] = set()
 
         def kill():
-            seen.update(_when_all_run(child))
+            pids.update(_when_all_run(child))
             os.kill(guard_of(child), signal.SIGKILL)
 
         killer = threading.Thread(target=kill)
@@ -127,8 +127,8 @@ def test_what_a_killed_guard_leaves_is_ended_too(toys):
         with pytest.raises(ProcessKilled):
             child.run(call)
         killer.join()
-    assert len(seen) >= 4
-    wait_until(lambda: not any(map(alive, seen)), "all processes are gone")
+    assert len(pids) >= 4
+    wait_until(lambda: not any(map(alive, pids)), "all processes are gone")
 
 
 def test_the_next_run_ends_what_a_driver_and_its_guard_left(toys, tmp_path, monkeypatch):
@@ -202,8 +202,8 @@ def test_tasks_work_in_a_scratch_folder_that_goes(toys):
 def test_hung_task_is_ended_with_what_it_started(toys, monkeypatch):
     (call,) = calls_of(toys, ["hang"], {"hang": HANG})
     with Child(toys.root, ChildSettings(time_limit_s=3.0)) as child:
-        seen: set[int] = set()
-        watcher = threading.Thread(target=lambda: seen.update(_when_all_run(child)))
+        pids: set[int] = set()
+        watcher = threading.Thread(target=lambda: pids.update(_when_all_run(child)))
         # On a busy machine the task starts its processes after the limit; so time passes from then on only.
         clock = SimpleNamespace(monotonic=lambda: 0.0 if watcher.is_alive() else time.monotonic())
         monkeypatch.setattr(isolation, "time", clock)
@@ -211,8 +211,8 @@ def test_hung_task_is_ended_with_what_it_started(toys, monkeypatch):
         outcome = child.run(call)
         watcher.join()
     assert "no answer within 3 s" in outcome.failure.error
-    assert len(seen) >= 3
-    assert not any(map(alive, seen))
+    assert len(pids) >= 3
+    assert not any(map(alive, pids))
 
 
 def _when_all_run(child):
@@ -285,8 +285,8 @@ def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkey
     )
     left = type(tmp_path)(done.stdout.strip())
     foreign = scratch.home() / "another-host~1~0.00~task-x"
-    other = scratch.home() / "notes"
-    for folder in (foreign, other):
+    notes = scratch.home() / "notes"
+    for folder in (foreign, notes):
         folder.mkdir()
     mine = scratch.Scratch()
     assert scratch.abandoned() == [left]
@@ -294,7 +294,7 @@ def test_folders_of_dead_owners_are_swept_and_others_left(toys, tmp_path, monkey
     assert not left.exists()
     assert Path(mine.name).exists()
     assert foreign.exists()
-    assert other.exists()
+    assert notes.exists()
     mine.cleanup()
     assert not Path(mine.name).exists()
 

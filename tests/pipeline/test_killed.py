@@ -25,12 +25,12 @@ def ground(tmp_path_factory):
 
     @functools.cache
     def expected(objects: int) -> dict[str, str]:
-        made = Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", contents(objects))
+        reference = Ground(tmp_path_factory.mktemp("undisturbed") / "data_set", contents(objects))
         forget(PACKAGE)
         with pytest.MonkeyPatch.context() as patch:
-            patch.syspath_prepend(str(made.root))
-            made.toys.flow()  # in this process: what runs elsewhere must come out the same
-        return made.digests()
+            patch.syspath_prepend(str(reference.root))
+            reference.toys.flow()  # in this process: what runs elsewhere must come out the same
+        return reference.digests()
 
     def data_set(objects: int) -> tuple[Ground, dict[str, str]]:
         root = tmp_path_factory.mktemp("disturbed") / "data_set"
@@ -60,7 +60,7 @@ def test_killed_at_random_moments(ground, objects, place, what):
     finally:
         print((data_set.root / "output.log").read_text())
     assert disturbed.kills
-    assert {name: found for name, found in disturbed.verdict(expected).items() if found} == {}
+    assert {name: findings for name, findings in disturbed.verdict(expected).items() if findings} == {}
     assert disturbed.watcher.reads >= len(expected)
 
 

@@ -21,17 +21,17 @@ def test_the_operator_takes_what_the_place_asks_for(pytestconfig):
     place = read_place(pytestconfig.rootpath, "kubernetes")
     check_arguments(KubeCluster, place)
     own = ("name", "image", "resources", "env", "worker_command")
-    made = make_cluster_spec(n_workers=1, **{name: place.kwargs[name] for name in own})
-    worker = made["spec"]["worker"]["spec"]["containers"][0]
+    resource = make_cluster_spec(n_workers=1, **{name: place.kwargs[name] for name in own})
+    worker = resource["spec"]["worker"]["spec"]["containers"][0]
     assert worker["args"][:2] == ["dask", "worker"]  # the image has no entry point
     chart = Path(package.__file__).parent / "operator" / "deployment" / "helm" / "dask-kubernetes-operator"
     path = chart / "crds" / "daskcluster.yaml"
-    definition = next(one for one in yaml.safe_load_all(path.read_text()) if one)
-    (version,) = (one for one in definition["spec"]["versions"] if one["name"] == "v1")
+    definition = next(document for document in yaml.safe_load_all(path.read_text()) if document)
+    (version,) = (entry for entry in definition["spec"]["versions"] if entry["name"] == "v1")
     schema = version["schema"]["openAPIV3Schema"]["properties"]["spec"]
-    assert list(_problems(made["spec"], schema, "spec")) == []
-    worker["imag"] = made["spec"]["worker"]["replicas"] = "4"
-    assert len(list(_problems(made["spec"], schema, "spec"))) == 2
+    assert list(_problems(resource["spec"], schema, "spec")) == []
+    worker["imag"] = resource["spec"]["worker"]["replicas"] = "4"
+    assert len(list(_problems(resource["spec"], schema, "spec"))) == 2
 
 
 def _problems(value, schema, where):
@@ -55,14 +55,14 @@ def _problems(value, schema, where):
         for name in schema.get("required", ()):
             if name not in value:
                 yield f"{where}.{name} is missing"
-        others = schema.get("additionalProperties")
-        for name, one in value.items():
+        additions = schema.get("additionalProperties")
+        for name, member in value.items():
             if name in schema.get("properties", {}):
-                yield from _problems(one, schema["properties"][name], f"{where}.{name}")
-            elif isinstance(others, dict):
-                yield from _problems(one, others, f"{where}.{name}")
-            elif not (others or schema.get("x-kubernetes-preserve-unknown-fields")):
+                yield from _problems(member, schema["properties"][name], f"{where}.{name}")
+            elif isinstance(additions, dict):
+                yield from _problems(member, additions, f"{where}.{name}")
+            elif not (additions or schema.get("x-kubernetes-preserve-unknown-fields")):
                 yield f"{where}.{name} is unknown"
     if isinstance(value, list):
-        for index, one in enumerate(value):
-            yield from _problems(one, schema["items"], f"{where}[{index}]")
+        for index, item in enumerate(value):
+            yield from _problems(item, schema["items"], f"{where}[{index}]")

@@ -12,12 +12,12 @@ from pipeline.cluster.places import read_place
 
 def listening(process: psutil.Process) -> dict[int, set[str]]:
     """The addresses at which a process and its offspring listen, UDP included, by process."""
-    found: dict[int, set[str]] = {}
-    for one in (process, *process.children(recursive=True)):
-        for connection in one.net_connections(kind="inet"):
+    addresses: dict[int, set[str]] = {}
+    for member in (process, *process.children(recursive=True)):
+        for connection in member.net_connections(kind="inet"):
             if connection.status == psutil.CONN_LISTEN or not connection.raddr:
-                found.setdefault(one.pid, set()).add(connection.laddr.ip)
-    return found
+                addresses.setdefault(member.pid, set()).add(connection.laddr.ip)
+    return addresses
 
 
 @pytest.mark.slow
@@ -31,7 +31,7 @@ def test_a_run_on_this_machine_listens_on_loopback_alone(toys, settings):
             started.submit(job(toys, f"still_{index}", "poison import time; time.sleep(600)"))
         log = toys.root / "executed.log"
         eventually(lambda: log.exists() and len(log.read_text().splitlines()) == 2)
-        found = listening(psutil.Process())
-    own = {pid: addresses - before.get(pid, set()) for pid, addresses in found.items()}
+        listeners = listening(psutil.Process())
+    own = {pid: addresses - before.get(pid, set()) for pid, addresses in listeners.items()}
     assert len([pid for pid, addresses in own.items() if addresses]) >= 2  # the scheduler's and the worker's
     assert all(ipaddress.ip_address(ip).is_loopback for addresses in own.values() for ip in addresses), own

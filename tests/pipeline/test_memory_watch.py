@@ -237,10 +237,10 @@ def test_in_a_control_group(toys, control_group, expected, finding, remedy):
         body=SLOW,
         expected=expected,
     )
-    joined = f'echo $$ > {control_group}/cgroup.procs && exec {sys.executable} -c "$0"'
+    command = f'echo $$ > {control_group}/cgroup.procs && exec {sys.executable} -c "$0"'
     for _ in range(3):
         done = subprocess.run(
-            ["sh", "-c", joined, script], cwd=toys.root, capture_output=True, text=True, check=False
+            ["sh", "-c", command, script], cwd=toys.root, capture_output=True, text=True, check=False
         )
         if done.returncode != -signal.SIGKILL:
             break

@@ -69,7 +69,9 @@ def test_mistakes_are_named(tmp_path, old, new, message):
 
 
 NUMBERS = {
-    one.name: one.bounds for one in (*parameters(CommonParameters), *parameters(SizeParameters)) if one.bounds
+    parameter.name: parameter.bounds
+    for parameter in (*parameters(CommonParameters), *parameters(SizeParameters))
+    if parameter.bounds
 }
 
 

@@ -43,10 +43,10 @@ def write(root, text, name="local"):
 
 
 def test_the_places_that_come_with_the_code_name_their_classes(pytestconfig):
-    found = {name: read_place(pytestconfig.rootpath, name) for name in CLASSES}
-    assert {name: place.starts for name, place in found.items()} == CLASSES
-    assert found["slurm"].adapt == Adapt(minimum=0, maximum=8)
-    assert found["slurm"].capacity() == (8, 16, int(0.9 * 64e9))
+    places = {name: read_place(pytestconfig.rootpath, name) for name in CLASSES}
+    assert {name: place.starts for name, place in places.items()} == CLASSES
+    assert places["slurm"].adapt == Adapt(minimum=0, maximum=8)
+    assert places["slurm"].capacity() == (8, 16, int(0.9 * 64e9))
 
 
 def test_a_worker_serves_the_pools_that_it_was_started_for(monkeypatch):
@@ -178,11 +178,11 @@ def test_a_worker_killed_while_it_starts_is_started_again(root, capfd):
 
 def _kill_a_starting_worker() -> None:
     while True:
-        for one in psutil.Process().children(recursive=True):
+        for child in psutil.Process().children(recursive=True):
             with contextlib.suppress(psutil.Error):  # it may have ended meanwhile
-                if "spawn_main" in " ".join(one.cmdline()):
+                if "spawn_main" in " ".join(child.cmdline()):
                     time.sleep(0.2)
-                    one.kill()
+                    child.kill()
                     return
         time.sleep(0.02)
 

@@ -26,8 +26,8 @@ def planned(toys: Toys) -> Plan:
     return plan(toys.root, toys.parameters, toys.rows, MACHINES, [8], toys.stages)
 
 
-def counts(made: Plan) -> dict[str, tuple[int, int, int]]:
-    return {name: (one.kept, one.restored, one.computed) for name, one in made.stages.items()}
+def counts(estimate: Plan) -> dict[str, tuple[int, int, int]]:
+    return {name: (stage.kept, stage.restored, stage.computed) for name, stage in estimate.stages.items()}
 
 
 def test_what_is_kept_restored_and_computed_is_what_a_run_then_does(toys: Toys) -> None:
@@ -64,11 +64,11 @@ def test_known_tasks_sum_up_and_share_workers_and_memory(toys: Toys) -> None:
     for object_id, seconds in zip(toys.rows, (10.0, 20.0, 30.0), strict=True):
         for stage in toys.stages:
             add_costs(toys.root, stage.name, Outcome(object_id, None, seconds, seconds, 6 * 10**9, "f" * 64))
-    made = planned(toys)
-    assert made.stages["tune"].cpu_s == pytest.approx(60.0)
-    assert made.chain_s == pytest.approx(90.0)
-    assert [wall.at_least_s for wall in made.wall.values()] == pytest.approx([180.0, 90.0, 90.0])
-    assert [wall.expected_s for wall in made.wall.values()] == pytest.approx([180.0, 90.0, 90.0])
+    estimate = planned(toys)
+    assert estimate.stages["tune"].cpu_s == pytest.approx(60.0)
+    assert estimate.chain_s == pytest.approx(90.0)
+    assert [wall.at_least_s for wall in estimate.wall.values()] == pytest.approx([180.0, 90.0, 90.0])
+    assert [wall.expected_s for wall in estimate.wall.values()] == pytest.approx([180.0, 90.0, 90.0])
     scarce = plan(toys.root, toys.parameters, toys.rows, Machines(1, 2, 8 * 10**9), stages=toys.stages)
     assert scarce.wall[2].at_least_s == pytest.approx(90.0)
     assert scarce.wall[2].expected_s == pytest.approx(180.0)  # two do not fit beside each other
@@ -124,8 +124,8 @@ def test_the_command_prints_a_plan(
     assert main(["plan", "--workers", "8"]) == 0
     assert "1 object," in capsys.readouterr().out
     assert main(["plan", "--json"]) == 0
-    made = json.loads(capsys.readouterr().out)["stages"]
-    assert [one["computed"] for one in made.values()] == [1] * len(STAGES)
+    stages = json.loads(capsys.readouterr().out)["stages"]
+    assert [stage["computed"] for stage in stages.values()] == [1] * len(STAGES)
     assert main(["plan", "--count", "12", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["objects"] == 12
     page = (REPOSITORY / "docs" / "make.md").read_text(encoding="utf-8")

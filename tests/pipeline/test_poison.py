@@ -40,11 +40,11 @@ GREEDY = {
 
 def contents(poison: dict[str, str], good_each: int) -> dict[str, str]:
     """Return the poisonous objects, each after some good ones."""
-    found = {}
+    objects = {}
     for name, code in poison.items():
-        found.update({f"good_{index}_before_{name}": "1.5" for index in range(good_each)})
-        found[name] = f"poison {code}"
-    return found
+        objects.update({f"good_{index}_before_{name}": "1.5" for index in range(good_each)})
+        objects[name] = f"poison {code}"
+    return objects
 
 
 def run(root: Path, poison: dict[str, str], good_each: int, **settings: object) -> dict[str, str]:

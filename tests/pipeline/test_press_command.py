@@ -25,10 +25,10 @@ def test_every_option_reaches_the_sensor(small_file: Path, contacts: Path, tmp_p
     bar = objectfolder.load(small_file)
     background = synthetic_background(bar.touch.sensor.at_resolution(80, 60), 1)
     Image.fromarray(background).save(tmp_path / "gel.png")
-    asked = ["--depth", "0.0008", "--tilt", "10", "--azimuth", "30", "--roll", "25", "--contact", "rigid"]
-    asked += ["--resolution", "80", "60", "--noise-seed", "4", "--background", str(tmp_path / "gel.png")]
+    options = ["--depth", "0.0008", "--tilt", "10", "--azimuth", "30", "--roll", "25", "--contact", "rigid"]
+    options += ["--resolution", "80", "60", "--noise-seed", "4", "--background", str(tmp_path / "gel.png")]
     output = tmp_path / "touches"
-    assert main(["press", str(small_file), "--points", str(contacts), *asked, "-o", str(output)]) == 0
+    assert main(["press", str(small_file), "--points", str(contacts), *options, "-o", str(output)]) == 0
     expected = bar.press(
         np.load(contacts),
         0.0008,

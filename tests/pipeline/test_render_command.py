@@ -40,7 +40,7 @@ def test_lights_crop_and_passes_are_those_of_the_query(
     assert main([*command, *lights, *crop, *passes]) == 0
     assert "2 images of 15 x 20 pixels with depth, normal, mask, 2 lights" in capsys.readouterr().out
     positions = bar.frame.to_object(np.array([[[0, 0.6, 0.8], [-1, 0, 0]]]))
-    drawn = bar.render_passes(
+    expected = bar.render_passes(
         bar.frame.camera_to_object(look_at(CAMERAS)),
         ["image", "depth", "normal", "mask"],
         Lamps(positions, np.array([[2, 1, 0.5], [1, 1, 1]])),
@@ -49,11 +49,11 @@ def test_lights_crop_and_passes_are_those_of_the_query(
     )
     for index in range(2):
         stem = str(tmp_path / "images" / f"{index:04d}")
-        np.testing.assert_array_equal(np.asarray(Image.open(stem + ".png")), drawn["image"][index])
-        np.testing.assert_array_equal(np.asarray(Image.open(stem + "_mask.png")) > 0, drawn["mask"][index])
-        np.testing.assert_array_equal(np.load(stem + "_depth.npy"), drawn["depth"][index])
-        np.testing.assert_array_equal(np.load(stem + "_normal.npy"), drawn["normal"][index])
-    assert drawn["mask"].any()
+        np.testing.assert_array_equal(np.asarray(Image.open(stem + ".png")), expected["image"][index])
+        np.testing.assert_array_equal(np.asarray(Image.open(stem + "_mask.png")) > 0, expected["mask"][index])
+        np.testing.assert_array_equal(np.load(stem + "_depth.npy"), expected["depth"][index])
+        np.testing.assert_array_equal(np.load(stem + "_normal.npy"), expected["normal"][index])
+    assert expected["mask"].any()
 
 
 def test_positions_are_in_metres_of_the_object_unless_said_otherwise(
@@ -62,15 +62,15 @@ def test_positions_are_in_metres_of_the_object_unless_said_otherwise(
     lamp = np.array([0.2, -0.6, 0.8])
     shift = bar.frame.to_object(np.concatenate([CAMERAS, [lamp]]))
     np.save(tmp_path / "metres.npy", shift[:2])
-    written = []
+    images = []
     for more in (["--light", *map(repr, lamp.tolist())],
                  ["--views", str(tmp_path / "metres.npy"), "--frame", "object",
                   "--light", *map(repr, shift[2].tolist())]):  # fmt: skip
         words = command if "--views" not in more else [*command[:2], *command[4:6], *command[8:]]
         assert main([*words, *more, "1", "1", "1"]) == 0
-        written.append(np.asarray(Image.open(tmp_path / "images" / "0001.png")).astype(int))
-    assert (written[0] < 255).any()
-    assert np.abs(written[0] - written[1]).max() <= 1
+        images.append(np.asarray(Image.open(tmp_path / "images" / "0001.png")).astype(int))
+    assert (images[0] < 255).any()
+    assert np.abs(images[0] - images[1]).max() <= 1
 
 
 @pytest.mark.parametrize("suffix", ["exr", "hdr"])
@@ -86,9 +86,9 @@ def test_an_environment_is_read_as_it_was_written(
     assert main([*command, "--environment", str(path)]) == 0
     images = bar.render(bar.frame.camera_to_object(look_at(CAMERAS)), Environment.of(radiance), 24)
     for index in range(2):
-        written = np.asarray(Image.open(tmp_path / "images" / f"{index:04d}.png")).astype(int)
+        image = np.asarray(Image.open(tmp_path / "images" / f"{index:04d}.png")).astype(int)
         # Radiance files have 8 bits a channel.
-        assert np.abs(written - images[index]).max() <= (0 if suffix == "exr" else 3)
+        assert np.abs(image - images[index]).max() <= (0 if suffix == "exr" else 3)
 
 
 @pytest.mark.parametrize(("more", "option"), [

@@ -216,11 +216,11 @@ def test_recursions_of_modes_are_what_the_mode_bank_gives() -> None:
         [(2 * np.pi * 90) ** 2, (2 * np.pi * 19000) ** 2, 100.0, 0.999 * 400.0, (3e5) ** 2]
     )
     dampings = np.array([1.0, 80.0, 30.0, 20.0, 1.0])  # two over-damped, nearly critical; one above the rate
-    wanted = mode_bank(eigenvalues, dampings, np.eye(5), duration_s=1.0, sample_rate_hz=SAMPLE_RATE_HZ)
-    for (a, b, first, second), sound in zip(recursions(eigenvalues, dampings), wanted, strict=True):
+    sounds = mode_bank(eigenvalues, dampings, np.eye(5), duration_s=1.0, sample_rate_hz=SAMPLE_RATE_HZ)
+    for (a, b, first, second), sound in zip(recursions(eigenvalues, dampings), sounds, strict=True):
         impulse = [first, second - a * first]
-        found = lfilter(impulse, [1, -a, -b], np.eye(1, len(sound))[0])
-        np.testing.assert_allclose(found, sound, atol=1e-7)
+        response = lfilter(impulse, [1, -a, -b], np.eye(1, len(sound))[0])
+        np.testing.assert_allclose(response, sound, atol=1e-7)
 
 
 def speed_error_rows() -> list[dict[str, Any]]:
@@ -251,17 +251,17 @@ def test_a_chart_speaks_in_words_that_do_not_collide() -> None:
     ]
     chart = speed_error_chart("Sight", rows, "seconds_per_query") or ""
     pattern = r'x="([\d.]+)" y="([\d.]+)"[^>]*text-anchor: (\w+)[^>]*>(\d+ rays a pixel)<'
-    found = re.findall(pattern, chart)
-    assert [words for *_, words in found] == ["4 rays a pixel", "16 rays a pixel", "64 rays a pixel"]
+    labels = re.findall(pattern, chart)
+    assert [words for *_, words in labels] == ["4 rays a pixel", "16 rays a pixel", "64 rays a pixel"]
     boxes = []
-    for x, y, anchor, words in found:
+    for x, y, anchor, words in labels:
         width = 0.53 * 7 * len(words)
         left = float(x) - {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * width
         boxes.append((left, left + width, float(y) - 7, float(y)))
     for index, (left, right, top, bottom) in enumerate(boxes):
         assert 0 <= left < right <= WIDTH
-        for other in boxes[:index]:
-            assert right < other[0] or other[1] < left or bottom < other[2] or other[3] < top, words
+        for box in boxes[:index]:
+            assert right < box[0] or box[1] < left or bottom < box[2] or box[3] < top, words
     assert "likeness of views" in chart
     assert "sub" not in re.sub(r"<[^>]*>", "", chart)
 

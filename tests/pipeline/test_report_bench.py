@@ -16,11 +16,11 @@ def test_unchanged_pages_are_timed_with_as_many_queries_as_they_show(
     write_object(tmp_path / "data", "mug")
     (tmp_path / ".objectfolder").mkdir()
     write_costs(tmp_path / ".objectfolder" / "costs.csv", ["mug"])
-    asked: list[int] = []
+    pair_counts: list[int] = []
     pages: list[set[int]] = []
 
     def write_report(fidelity: Path, costs: Path, reports: Path, *, pairs: int) -> None:
-        asked.append(pairs)
+        pair_counts.append(pairs)
         real(fidelity, costs, reports, pairs=pairs)
         pages.append({path.stat().st_mtime_ns for path in (reports / "objects").glob("*.html")})
 
@@ -31,6 +31,6 @@ def test_unchanged_pages_are_timed_with_as_many_queries_as_they_show(
     arguments: list[Any] = [tmp_path, "--objects", 3, "--pairs", 4, 2, "--scratch", tmp_path]
     monkeypatch.setattr("sys.argv", ["dashboard", *map(str, arguments)])
     dashboard.main()
-    assert asked == [4, 2, 2, 2]
+    assert pair_counts == [4, 2, 2, 2]
     assert pages[1] == pages[2], "all are kept"
     assert len(pages[2] - pages[3]) == 1

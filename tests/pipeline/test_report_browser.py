@@ -49,12 +49,12 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_object(root / "data", "hostile", text=HOSTILE, shift=4.0)
     write_object(root / "data", "mug")
     fidelity = root / "data" / "fidelity"
-    one = read_product(fidelity / "mug.zarr.zip")
+    product = read_product(fidelity / "mug.zarr.zip")
     for index in range(OBJECTS - 2):
-        described = {**one.attributes["object"], "id": f"o{index}", "name": f"Object {index}"}
+        described = {**product.attributes["object"], "id": f"o{index}", "name": f"Object {index}"}
         described |= {"material": MATERIALS[index % 3], "source": f"https://host{index % 2}.example/{index}"}
-        vision = {**one.attributes["vision"], "psnr_foreground_db": 33.0 + index / 7}
-        attributes = {**one.attributes, "object": described, "vision": vision}
+        vision = {**product.attributes["vision"], "psnr_foreground_db": 33.0 + index / 7}
+        attributes = {**product.attributes, "object": described, "vision": vision}
         write_product(fidelity / f"o{index}.zarr.zip", Product({}, attributes))
     failure = replace(FAILURE, error=HOSTILE, remedy=HOSTILE)
     write_report(fidelity, write_costs(root / "costs.csv", ["mug"]), root / "reports", [failure], pairs=4)
@@ -95,8 +95,8 @@ def test_axe_finds_nothing(reports: Path, open_page: Callable[..., Any], name: s
     if name == "index.html":
         page.fill("#search", "object 1")  # a dozen rows stand for all
     page.add_script_tag(path=str(AXE))
-    found = page.evaluate("axe.run().then(result => result.violations)")
-    assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found] == []
+    violations = page.evaluate("axe.run().then(result => result.violations)")
+    assert [(rule["id"], rule["nodes"][0]["html"]) for rule in violations] == []
 
 
 @pytest.mark.parametrize(
@@ -249,15 +249,15 @@ def test_the_address_has_what_is_shown(reports: Path, open_page: Callable[..., A
     page.select_option("#order", label="Object ↓")
     page.click("#after")
     shown = names(page)
-    other = open_page(page.url).page
-    assert names(other) == shown
-    assert other.get_attribute("#table th:nth-child(1)", "aria-sort") == "descending"
-    other.evaluate("location.hash = 'search=object+17&material=none&order=x&from=-3'")
-    until(other, "document.querySelectorAll('#table tbody tr').length === 1")
-    assert [name.split("\n")[0] for name in names(other)] == ["Object 17"]
-    other.click("button[type=reset]")
-    until(other, "!location.href.includes('search')")
-    assert other.input_value("#material") == ""
+    second_page = open_page(page.url).page
+    assert names(second_page) == shown
+    assert second_page.get_attribute("#table th:nth-child(1)", "aria-sort") == "descending"
+    second_page.evaluate("location.hash = 'search=object+17&material=none&order=x&from=-3'")
+    until(second_page, "document.querySelectorAll('#table tbody tr').length === 1")
+    assert [name.split("\n")[0] for name in names(second_page)] == ["Object 17"]
+    second_page.click("button[type=reset]")
+    until(second_page, "!location.href.includes('search')")
+    assert second_page.input_value("#material") == ""
 
 
 def test_the_page_is_as_dark_as_the_system(reports: Path, open_page: Callable[..., Any]) -> None:
@@ -293,7 +293,7 @@ def test_every_query_is_there_and_what_is_not_stored_alone_comes_from_the_sheet(
     for sense, name, ranks in (("view", "vision", [1, 3, 4, 6]), ("touch", "touch", [1, 4])):
         kind = "view" if sense == "view" else "touch"
         scores = [row["psnr_db"] for row in product.attributes[name][f"per_{kind}"]]
-        drawn = Image.open(io.BytesIO(product[f"{name}_sheet"].tobytes())).convert("RGB")
+        sheet = Image.open(io.BytesIO(product[f"{name}_sheet"].tobytes())).convert("RGB")
         height, width = product[f"{name}_truth"].shape[1:3]
         page.focus(f"#{sense}-query")
         page.keyboard.press("Home")
@@ -309,7 +309,7 @@ def test_every_query_is_there_and_what_is_not_stored_alone_comes_from_the_sheet(
                 shown = f"[data-sense={sense}] .sheet canvas"
                 assert page.locator(shown).nth(2).is_visible()
             page.keyboard.press("ArrowRight")
-        assert drawn.size == (3 * width, height * len(scores))
+        assert sheet.size == (3 * width, height * len(scores))
         assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
     assert watched.errors == []
 
@@ -345,11 +345,11 @@ def test_every_held_out_strike_sounds_as_its_modes_do(reports: Path, open_page: 
     modes = read_product(reports.parent / "data" / "modes" / "mug.zarr.zip")
     points_mm = 1e3 * modes["points"][modes["held_out"]]
     pictured = f"[...{query}.querySelectorAll('image')].map((one) => one.getAttribute('href'))"
-    drawn = []
+    pictures = []
     for rank, row in enumerate(np.argsort(-fidelity["strike_difference_db"])):
         slider.fill(str(rank + 1))
         until(page, f"{query}.dataset.drawn === '{rank}'")
-        drawn.append(page.evaluate(pictured))
+        pictures.append(page.evaluate(pictured))
         sounds = page.evaluate(
             f"[...{query}.querySelectorAll('audio')].map(({{ sound }}) => [...sound.subarray(0, 40000)])"
         )
@@ -364,7 +364,7 @@ def test_every_held_out_strike_sounds_as_its_modes_do(reports: Path, open_page: 
         page.locator("[data-sense=strike] output").first.text_content()
         == f"{HELD_OUT_STRIKES} of {HELD_OUT_STRIKES}: best"
     )
-    assert len({one[2] for one in drawn}) == HELD_OUT_STRIKES, "each difference is another"
+    assert len({hrefs[2] for hrefs in pictures}) == HELD_OUT_STRIKES, "each difference is another"
 
 
 def test_a_page_says_that_its_strikes_are_not_beside_it(

@@ -182,9 +182,9 @@ def test_a_page_shows_every_sense(root: Path) -> None:
 def test_neighbours_are_linked_in_the_order_of_ids(root: Path) -> None:
     for name, before, after in (("deaf", None, "die"), ("die", "deaf", "hostile"), ("mug", "hostile", None)):
         source = (root / "reports" / "objects" / f"{name}.html").read_text(encoding="utf-8")
-        for relation, other in (("prev", before), ("next", after)):
-            found = re.search(rf'<a href="(\w+)\.html" rel="{relation}"', source)
-            assert (found[1] if found else None) == other
+        for relation, neighbour in (("prev", before), ("next", after)):
+            link = re.search(rf'<a href="(\w+)\.html" rel="{relation}"', source)
+            assert (link[1] if link else None) == neighbour
 
 
 def test_a_broken_object_file_costs_the_player_alone(root: Path) -> None:
@@ -203,10 +203,10 @@ def test_only_pages_that_show_something_else_are_made_again(tmp_path: Path) -> N
     report(tmp_path)
     first = stamps(tmp_path)
     index = tmp_path / "reports" / "index.html"
-    drawn, text = index.stat().st_ino, index.read_bytes()
+    inode, text = index.stat().st_ino, index.read_bytes()
     report(tmp_path)
     assert stamps(tmp_path) == first
-    assert (index.stat().st_ino, index.read_bytes()) == (drawn, text), "the first page is kept"
+    assert (index.stat().st_ino, index.read_bytes()) == (inode, text), "the first page is kept"
 
     path = tmp_path / "data" / "fidelity" / "b.zarr.zip"
     product = read_product(path)
@@ -283,8 +283,8 @@ def test_an_id_that_is_no_file_name_gets_one(tmp_path: Path) -> None:
     product = Product(product.arrays, {**product.attributes, "object": {"id": "../../escape", "name": "e"}})
     write_product(tmp_path / "data" / "fidelity" / "mug.zarr.zip", product)
     report(tmp_path)
-    made = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.html")}
-    assert made == {Path("reports/index.html"), Path("reports/objects") / page_name("../../escape")}
+    files = {path.relative_to(tmp_path) for path in tmp_path.rglob("*.html")}
+    assert files == {Path("reports/index.html"), Path("reports/objects") / page_name("../../escape")}
 
 
 def test_fewer_queries_are_the_worst_and_the_best(tmp_path: Path) -> None:
@@ -360,9 +360,9 @@ def test_a_page_says_how_collision_parts_fit_or_why_there_are_none(tmp_path: Pat
 
 
 def test_an_open_surface_says_how_it_was_filled(tmp_path: Path) -> None:
-    known = "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)"
+    sentence = "has 13\u202f568 cm³, 5.1 % more than the open surface encloses (itself known to ± 1.4 %)"
     cases = {
-        "more": (False, 0.0512, known),
+        "more": (False, 0.0512, sentence),
         "less": (False, -0.001, "0.1 % less than"),
         "watertight": (True, 0.0512, None),
         "text": (False, "much", None),

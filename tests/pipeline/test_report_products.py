@@ -64,14 +64,14 @@ def test_sizes_that_no_product_has_are_refused_before_anything_is_made(
     product_file: Path, tmp_path: Path, array: str, shape: list[int], chunks: list[int], finding: str
 ) -> None:
     """Chunks of zeros are not stored, so a few bytes may declare any number of them."""
-    with zipfile.ZipFile(product_file) as read:
-        contents = {name: read.read(name) for name in read.namelist()}
+    with zipfile.ZipFile(product_file) as archive:
+        contents = {name: archive.read(name) for name in archive.namelist()}
     said = json.loads(contents[f"{array}/zarr.json"])
     said["shape"], said["chunk_grid"]["configuration"]["chunk_shape"] = shape, chunks
     contents[f"{array}/zarr.json"] = json.dumps(said).encode()
-    with zipfile.ZipFile(product_file, "w") as written:
+    with zipfile.ZipFile(product_file, "w") as archive:
         for name, content in contents.items():
-            written.writestr(name, content)
+            archive.writestr(name, content)
     with pytest.raises(FormatError, match=finding):
         ObjectProducts(tmp_path, "x").arrays("fidelity", array)
 
@@ -93,13 +93,13 @@ def test_a_contact_is_marked_where_it_is(tmp_path: Path) -> None:
     chosen, _ = sides_showing(surface, points, normals)
     products = ObjectProducts(tmp_path, "cube")
     shown = queries(products.arrays("fidelity"), products, 4)["touches"].items
-    assert sorted(one.row for one in shown) == list(range(len(points)))
-    assert len({one.contact.side for one in shown}) < len(shown), "a picture may show several"
-    for one in shown:
-        contact, normal = one.contact, normals[one.row]
+    assert sorted(item.row for item in shown) == list(range(len(points)))
+    assert len({item.contact.side for item in shown}) < len(shown), "a picture may show several"
+    for item in shown:
+        contact, normal = item.contact, normals[item.row]
         assert contact.visible
-        millimetres = [fact.value for fact in one.facts if fact.unit == "mm"]
-        assert millimetres[:3] == pytest.approx(1e3 * points[one.row])
+        millimetres = [fact.value for fact in item.facts if fact.unit == "mm"]
+        assert millimetres[:3] == pytest.approx(1e3 * points[item.row])
         side = Side(surface, SIDES[np.unique(chosen)[contact.side]])
         x, y = contact.spot
         face = side.faces()[int(y), int(x)]
@@ -163,18 +163,18 @@ def test_every_held_out_view_has_its_rank_its_numbers_and_its_row_of_the_sheet(t
     product = products.arrays("fidelity")
     gallery = queries(product, products, 4)["views"]
     scores = [row["psnr_db"] for row in product.attributes["vision"]["per_view"]]
-    assert [one.rank for one in gallery.items] == list(range(8))
-    assert [one.row for one in gallery.items] == np.argsort(scores).tolist()
-    facts = [{fact.name: fact.value for fact in one.facts} for one in gallery.items]
+    assert [item.rank for item in gallery.items] == list(range(8))
+    assert [item.row for item in gallery.items] == np.argsort(scores).tolist()
+    facts = [{fact.name: fact.value for fact in item.facts} for item in gallery.items]
     assert [fact["full image"] for fact in facts] == sorted(scores)
-    assert [one.rank for one in gallery.stored] == [0, 2, 5, 7]
-    assert [one.place for one in gallery.items] == ["worst", *[""] * 6, "best"]
+    assert [item.rank for item in gallery.stored] == [0, 2, 5, 7]
+    assert [item.place for item in gallery.items] == ["worst", *[""] * 6, "best"]
     pairs = zip(product["vision_truth"], product["vision_answer"], strict=True)
     assert [psnr_db(*pair) for pair in pairs] == [sorted(scores)[rank] for rank in (0, 2, 5, 7)]
-    drawn = np.asarray(Image.open(io.BytesIO(product["vision_sheet"].tobytes())).convert("RGB"))
-    for one, truth in zip(gallery.stored, product["vision_truth"], strict=True):
-        rows = slice(one.row * gallery.height, (one.row + 1) * gallery.height)
-        assert psnr_db(truth, drawn[rows, : gallery.width]) > 30, "with loss"
+    sheet = np.asarray(Image.open(io.BytesIO(product["vision_sheet"].tobytes())).convert("RGB"))
+    for item, truth in zip(gallery.stored, product["vision_truth"], strict=True):
+        rows = slice(item.row * gallery.height, (item.row + 1) * gallery.height)
+        assert psnr_db(truth, sheet[rows, : gallery.width]) > 30, "with loss"
 
 
 def test_touches_without_a_contact_come_last(tmp_path: Path) -> None:
@@ -186,4 +186,4 @@ def test_touches_without_a_contact_come_last(tmp_path: Path) -> None:
     shown = queries(product, products, 4)["touches"].items
     assert (shown[-1].row, shown[-1].place) == (3, "no contact")
     assert shown[-2].place == "best"
-    assert [one.rank for one in shown if one.truth] == [0, 1, 3, 4]
+    assert [item.rank for item in shown if item.truth] == [0, 1, 3, 4]

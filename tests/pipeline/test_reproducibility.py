@@ -48,13 +48,15 @@ for stage, task, targets, inputs, parameters, record in json.loads(sys.argv[1]):
 def run(folder: Path, stages: dict[str, dict[str, object]], mesh: Path, **environment: str) -> Path:
     """Make products of a bar by the real tasks, in a process of its own."""
     calls = []
-    for name, given in stages.items():
+    for name, settings in stages.items():
         stage = STAGES[name]
         inputs = {product.kind.name: str(product.kind.path(folder, "bar")) for product in stage.inputs}
         targets = [str(path) for path in stage.targets(folder, "bar")]
         sources = {} if stage.inputs else {"mesh": str(mesh)}
-        record = given.get("record", {})
-        calls.append([name, stage.task, targets, {**inputs, **sources}, given.get("parameters", {}), record])
+        record = settings.get("record", {})
+        calls.append(
+            [name, stage.task, targets, {**inputs, **sources}, settings.get("parameters", {}), record]
+        )
     done = subprocess.run(
         [sys.executable, "-c", MODULE, json.dumps(calls)],
         cwd=REPOSITORY,
@@ -110,20 +112,20 @@ def stages(bar: Path) -> dict[str, dict[str, object]]:
 def verdicts(first: Path, second: Path, stages: object) -> dict[str, str]:
     """Verdict of every array and attribute of all stages."""
     return {
-        f"{name}/{found.name}": found.verdict
+        f"{name}/{finding.name}": finding.verdict
         for name in stages
-        for mine, other in zip(
+        for first_path, second_path in zip(
             STAGES[name].targets(first, "bar"), STAGES[name].targets(second, "bar"), strict=True
         )
-        for found in compare(mine, other, STAGES[name].tolerances)
+        for finding in compare(first_path, second_path, STAGES[name].tolerances)
     }
 
 
 @pytest.mark.release("objectfolder", "pipeline.tasks")
 def test_products_are_as_declared_on_another_processor(tmp_path, stages, bar):
     usual = run(tmp_path / "usual", stages, bar)
-    other = run(tmp_path / "other", stages, bar, **OTHER)
-    verdict_by_name = verdicts(usual, other, stages)
+    other_processor = run(tmp_path / "other", stages, bar, **OTHER)
+    verdict_by_name = verdicts(usual, other_processor, stages)
     assert {
         "objects/vertices", "touches/rgb", "touches/attributes/contact", "modes/frequencies_hz"
     } <= set(verdict_by_name)  # fmt: skip
@@ -185,8 +187,10 @@ def test_an_array_or_attribute_of_one_product_alone_is_different(tmp_path):
     array = Array(np.ones(4), ("x",), "Hz", "x")
     write_product(tmp_path / "a.zarr.zip", Product({"x": array}, {"said": {"of": [1.0]}, "fingerprint": "a"}))
     write_product(tmp_path / "b.zarr.zip", Product({"y": array}, {"said": {"of": ["1"]}, "fingerprint": "b"}))
-    found = {entry.name: entry.verdict for entry in compare(*sorted(tmp_path.iterdir()), {})}
-    assert found == dict.fromkeys(("x", "y", "attributes/said/of", "attributes/said/of/0"), DIFFERENT)
+    verdict_by_name = {entry.name: entry.verdict for entry in compare(*sorted(tmp_path.iterdir()), {})}
+    assert verdict_by_name == dict.fromkeys(
+        ("x", "y", "attributes/said/of", "attributes/said/of/0"), DIFFERENT
+    )
 
 
 def test_tensor_files_are_compared_with_their_metadata(tmp_path):
@@ -196,8 +200,8 @@ def test_tensor_files_are_compared_with_their_metadata(tmp_path):
     write_tensor_file(tmp_path / "a.safetensors", content)
     write_tensor_file(tmp_path / "b.safetensors", TensorFile({"vision.a": moved}, {"said": {"x": 1.6}}))
     paths = sorted(tmp_path.iterdir())
-    found = {entry.name: entry.verdict for entry in compare(*paths, TOLERANCES["encode"])}
-    assert found == {"vision.a": WITHIN, "attributes/said/x": DIFFERENT}
+    verdict_by_name = {entry.name: entry.verdict for entry in compare(*paths, TOLERANCES["encode"])}
+    assert verdict_by_name == {"vision.a": WITHIN, "attributes/said/x": DIFFERENT}
     paths[1].write_bytes(paths[1].read_bytes()[:-1])
     with pytest.raises(FormatError):
         compare(*paths, TOLERANCES["encode"])

@@ -43,9 +43,9 @@ def last_seconds(root):
 def test_costs_are_known_by_fingerprint_and_kept_for_the_next_run(tmp_path):
     for index, seconds in enumerate((3.0, 5.0)):
         add_costs(tmp_path, "views", outcome("mug", seconds, FINGERPRINTS[index]))
-    known = costs_by_fingerprint(tmp_path)
-    assert known[FINGERPRINTS[0]].wall_s == 3.0
-    assert FINGERPRINTS[2] not in known
+    costs = costs_by_fingerprint(tmp_path)
+    assert costs[FINGERPRINTS[0]].wall_s == 3.0
+    assert FINGERPRINTS[2] not in costs
     assert last_seconds(tmp_path) == {("mug", "views"): 5.0}
 
 
@@ -72,8 +72,8 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
     for name in ("mug", "cup"):
         for index, fingerprint in enumerate(FINGERPRINTS):
             queries = {"views": index, "modes": 2 * index}
-            made = outcome(name, index, fingerprint, 900 if index == 11 else 100, queries)
-            add_costs(tmp_path, "fidelity", made)
+            result = outcome(name, index, fingerprint, 900 if index == 11 else 100, queries)
+            add_costs(tmp_path, "fidelity", result)
             add_costs(tmp_path, "fidelity", outcome(name, index + 0.5, fingerprint))  # the same again
     with costs_path(tmp_path).open("a") as file:
         file.write("dish,fidelity,00ab,1.")
@@ -84,19 +84,19 @@ def test_compacting_keeps_what_estimates_and_report_need(tmp_path, monkeypatch):
     compact(tmp_path)
     assert costs_path(tmp_path).stat().st_size < before / 2
     assert last_costs(known_costs(tmp_path)) == estimates
-    known = costs_by_fingerprint(tmp_path)
+    costs = costs_by_fingerprint(tmp_path)
     rows_left = [cost for cost in known_costs(tmp_path) if cost.object_id == "mug"]
     for fingerprint in FINGERPRINTS[-KEPT_ROWS:]:
         index = FINGERPRINTS.index(fingerprint)
         if index > 9:  # each ran twice
-            assert known[fingerprint].wall_s == index + 0.5
+            assert costs[fingerprint].wall_s == index + 0.5
         setting = {
             "speed_error": [{"key": "modes"}],
             "provenance": {"fingerprints": {"fidelity": fingerprint}},
         }
         (effort,) = MeasuredObject("mug", setting, rows_left).efforts
         assert effort["seconds_per_query"] == 2 * index
-    assert FINGERPRINTS[0] not in known
+    assert FINGERPRINTS[0] not in costs
     with costs_path(tmp_path).open(newline="") as file:
         rows = list(csv.reader(file))
     assert tuple(rows[0]) == COLUMNS
@@ -135,9 +135,9 @@ def test_two_writers_lose_nothing_of_each_other(tmp_path, monkeypatch):
     for writer in writers:
         assert writer.wait(120) == 0, writer.stderr.read()
         writer.stderr.close()
-    known = last_seconds(tmp_path)
+    seconds = last_seconds(tmp_path)
     for name in ("one", "two"):
-        assert [known[f"{name}_{index}", "views"] for index in range(20)] == list(range(180, 200))
+        assert [seconds[f"{name}_{index}", "views"] for index in range(20)] == list(range(180, 200))
     lines = [read_record(path) for path in records(tmp_path)]
     assert [[line["wall_s"] for line in own[1:-1]] for own in lines] == [list(range(200))] * 2
 
@@ -199,7 +199,7 @@ def test_failures_stay_until_their_stage_runs_again_and_results_of_others_are_le
         return FailedObject("cup", stage, f"{tmp_path}/mesh.obj: no faces", "Export it again.", fingerprint)
 
     def stages():
-        return [one.stage for one in read_failures(tmp_path)]
+        return [failure.stage for failure in read_failures(tmp_path)]
 
     write_failures(tmp_path, [failed("views", "ab"), failed("modes"), failed("encode")], [*STAGES.values()])
     assert stages() == ["views", "modes"]

@@ -60,16 +60,16 @@ def test_workers_elsewhere_make_the_same_products(toys, store):
 
 
 def test_worker_sees_no_path_of_the_driver(toys, store):
-    seen = []
+    path_lists = []
 
     def run(call: Call):
-        seen.append([*call.request.inputs.values(), *call.targets])
+        path_lists.append([*call.request.inputs.values(), *call.targets])
         assert call.state is None
         return execute(call)
 
     flow(toys, elsewhere(toys.root, run))
-    assert len(seen) == 9
-    assert not [path for paths in seen for path in paths if path.is_relative_to(toys.root)]
+    assert len(path_lists) == 9
+    assert not [path for paths in path_lists for path in paths if path.is_relative_to(toys.root)]
 
 
 def test_what_is_in_the_store_is_neither_sent_nor_made_again(toys, store, monkeypatch):
@@ -171,8 +171,8 @@ def test_the_cache_keeps_what_was_used_last_and_fits_its_cap(tmp_path):
         os.utime(tmp_path / "cache" / name, (age, age))
         if age == 2:
             assert cache.find(names[0], tmp_path / "used", lambda path: None)  # makes it the youngest
-    found = {name for name in names if (tmp_path / "cache" / name).exists()}
-    assert found == {names[0], names[3], names[4]}
+    entries = {name for name in names if (tmp_path / "cache" / name).exists()}
+    assert entries == {names[0], names[3], names[4]}
     assert (tmp_path / "used").read_bytes() == bytes(1000)
 
 
@@ -319,14 +319,14 @@ def _jobs(toys, stage) -> list[Job]:
     jobs = []
     for object_id, row in toys.rows.items():
         prepared = stage.prepare(toys.root, toys.parameters, object_id, row, Verified(toys.root))
-        wanted = fingerprint(prepared.parts)
-        provenance = {**prepared.parts, "fingerprints": {**stage.lineage(prepared.parts), stage.name: wanted}}
+        digest = fingerprint(prepared.parts)
+        provenance = {**prepared.parts, "fingerprints": {**stage.lineage(prepared.parts), stage.name: digest}}
         call = Call(
             stage.name,
             stage.task,
             prepared.request,
             stage.targets(toys.root, object_id),
-            wanted,
+            digest,
             provenance,
             toys.root / products.STATE,
         )

@@ -32,8 +32,8 @@ def _jobqueue():
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
     need(*PROGRAMS)
-    with slurm(tmp_path_factory.mktemp("slurm")) as found:
-        yield found
+    with slurm(tmp_path_factory.mktemp("slurm")) as variables:
+        yield variables
 
 
 @pytest.fixture
@@ -54,10 +54,10 @@ def place(most: int, **kwargs) -> Place:
 
 
 def jobs() -> list[str]:
-    asked = subprocess.run(
+    queue = subprocess.run(
         ["squeue", "--noheader", "--format=%i"], capture_output=True, text=True, check=True
     )
-    return asked.stdout.split()
+    return queue.stdout.split()
 
 
 @pytest.mark.slow

@@ -39,8 +39,8 @@ def options(tmp_path):
     if os.getuid() == 0:
         Path("/run/sshd").mkdir(exist_ok=True)  # which the service makes elsewhere
     port = free_port()
-    known = (tmp_path / "host_key.pub").read_text()
-    (tmp_path / "known_hosts").write_text(f"[{HOST}]:{port} {known}")
+    key = (tmp_path / "host_key.pub").read_text()
+    (tmp_path / "known_hosts").write_text(f"[{HOST}]:{port} {key}")
     program = shutil.which("sshd", path=PATH)
     with open(tmp_path / "sshd.log", "wb") as log:
         server = subprocess.Popen(
@@ -63,8 +63,8 @@ def place(options, hosts, **settings) -> Place:
 
 
 def commands(word: str) -> list[str]:
-    found = (" ".join(process.info["cmdline"] or []) for process in psutil.process_iter(["cmdline"]))
-    return [line for line in found if word in line]
+    lines = (" ".join(process.info["cmdline"] or []) for process in psutil.process_iter(["cmdline"]))
+    return [line for line in lines if word in line]
 
 
 @pytest.mark.slow

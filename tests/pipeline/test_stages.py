@@ -108,16 +108,16 @@ def products_of_a_former_run(root):
     """Products of every kind, with the attributes that later stages go by."""
     for stage in STAGES.values():
         for path in stage.targets(root, "mug"):
-            made = {"fingerprint": f"{path.parent.name} made first"}
+            attributes = {"fingerprint": f"{path.parent.name} made first"}
             if path.name.endswith(".safetensors"):
-                write_tensor_file(path, TensorFile({}, made))
+                write_tensor_file(path, TensorFile({}, attributes))
             else:
                 more = {
                     "digests": {"geometry": "g", "texture": "t", "normals": "n", "body": "b"},
                     "sensor": {"pixels": 1},
                     "contact": "rigid",
                 }
-                write_product(path, Product({}, {**made, **more}))
+                write_product(path, Product({}, {**attributes, **more}))
 
 
 @pytest.fixture(scope="module")

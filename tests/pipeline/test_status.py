@@ -29,7 +29,7 @@ def workshop(made):
 
 
 def states(workshop, object_id):
-    return {one.stage: one.state for one in of(workshop) if one.object_id == object_id}
+    return {row.stage: row.state for row in of(workshop) if row.object_id == object_id}
 
 
 def of(workshop):
@@ -37,17 +37,17 @@ def of(workshop):
 
 
 def reasons(workshop, object_id, stage):
-    (one,) = (one for one in of(workshop) if (one.object_id, one.stage) == (object_id, stage))
-    assert one.state == STALE
-    return one.reasons
+    (row,) = (row for row in of(workshop) if (row.object_id, row.stage) == (object_id, stage))
+    assert row.state == STALE
+    return row.reasons
 
 
 def test_all_current_after_a_run(workshop):
-    found = of(workshop)
-    assert [(one.object_id, one.stage) for one in found] == [
+    rows = of(workshop)
+    assert [(row.object_id, row.stage) for row in rows] == [
         (object_id, stage) for object_id in ("cup", "dish") for stage in STAGES
     ]
-    assert {one.state for one in found} == {CURRENT}
+    assert {row.state for row in rows} == {CURRENT}
 
 
 def test_nothing_made_yet(workshop):
@@ -97,17 +97,17 @@ def test_failure_counts_until_what_it_was_made_from_changes(workshop):
     workshop.write("cup.obj", "poison")
     workshop.converge()
     assert states(workshop, "cup") == {"objects": FAILED, **dict.fromkeys(list(STAGES)[1:], WAITING)}
-    (one,) = (one for one in of(workshop) if one.state == FAILED)
-    assert "no mesh" in one.reasons[0]
+    (row,) = (row for row in of(workshop) if row.state == FAILED)
+    assert "no mesh" in row.reasons[0]
     workshop.write("cup.obj", "v 0 0 7\n")
     assert states(workshop, "cup")["objects"] == MISSING
 
 
 def test_source_file_that_is_gone(workshop):
     (workshop.root / "cup.png").unlink()
-    found = [one for one in of(workshop) if one.object_id == "cup"]
-    assert found[0].state == FAILED
-    assert "cup.png" in found[0].reasons[0]
+    rows = [row for row in of(workshop) if row.object_id == "cup"]
+    assert rows[0].state == FAILED
+    assert "cup.png" in rows[0].reasons[0]
 
 
 @pytest.mark.parametrize("kind", [OBJECTS, VIEWS, MODES, ENCODED], ids=lambda kind: kind.name)
@@ -133,17 +133,17 @@ def test_products_are_not_read_again(workshop, monkeypatch):
         raise AssertionError(f"read {path}")
 
     monkeypatch.setattr("pipeline.dataset.products.read_description", read)
-    assert {one.state for one in of(workshop)} == {CURRENT}
+    assert {row.state for row in of(workshop)} == {CURRENT}
 
 
 def test_status_leaves_the_checkout_to_a_run(workshop):
-    kept = workshop.root / ".objectfolder" / "verified.json"
-    kept.unlink()
+    cache = workshop.root / ".objectfolder" / "verified.json"
+    cache.unlink()
     with exclusive(workshop.root, "stage views"):
         of(workshop)
-        assert not kept.exists()
+        assert not cache.exists()
     of(workshop)
-    assert kept.exists()
+    assert cache.exists()
 
 
 def test_table_groups_objects_by_reason(workshop):
@@ -157,17 +157,17 @@ def test_table_groups_objects_by_reason(workshop):
 
 
 def test_what_a_mesh_says_of_itself_is_shown(workshop):
-    assert not any(one.warnings for one in of(workshop))
+    assert not any(row.warnings for row in of(workshop))
     for name in ("cup", "dish"):
         workshop.write(f"{name}.obj", f"o doubtful {name}\n")
     workshop.converge()
-    found = of(workshop)
-    assert {(one.object_id, one.stage) for one in found if one.warnings} == {
+    rows = of(workshop)
+    assert {(row.object_id, row.stage) for row in rows if row.warnings} == {
         ("cup", "objects"),
         ("dish", "objects"),
     }
-    assert {one.state for one in found} == {CURRENT}
-    assert table(found).splitlines()[-1] == "warning: cup, dish: its walls are doubtful"
+    assert {row.state for row in rows} == {CURRENT}
+    assert table(rows).splitlines()[-1] == "warning: cup, dish: its walls are doubtful"
 
 
 def test_a_wish_that_modes_did_not_reach_is_shown(workshop):
@@ -183,8 +183,8 @@ def test_command(workshop, monkeypatch, capsys):
     assert "objects          2" in capsys.readouterr().out
     workshop.edit("params.yaml", "resolution: 128", "resolution: 64")
     assert main(["status", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found[1]["differences"] == [
+    rows = json.loads(capsys.readouterr().out)
+    assert rows[1]["differences"] == [
         {"kind": "parameter", "name": "vision.resolution", "old": 128, "new": 64, "note": ""}
     ]
 
@@ -204,7 +204,7 @@ def test_differences_of_every_part():
         Reason("record", "x", "absent", None),
         Reason("package", "numpy", "1", "2"),
     ]
-    assert [str(one) for one in differences(old, new)] == [
+    assert [str(reason) for reason in differences(old, new)] == [
         "input modes is new",
         "input objects.digests.body is gone",
         "input views changed",
@@ -228,12 +228,12 @@ def test_differences_of_every_part():
 )
 def test_a_foreign_cache_counts_as_none(workshop, name, text):
     (workshop.root / ".objectfolder" / name).write_text(text)
-    assert {one.state for one in of(workshop)} == {CURRENT}
+    assert {row.state for row in of(workshop)} == {CURRENT}
 
 
 def test_a_foreign_entry_of_a_product_counts_as_none(workshop):
     path = workshop.root / ".objectfolder" / "verified.json"
-    kept = json.loads(path.read_text())
-    kept["products"] = {key: {"state": "now", "whole": 1} for key in kept["products"]}
-    path.write_text(json.dumps(kept))
-    assert {one.state for one in of(workshop)} == {CURRENT}
+    cache = json.loads(path.read_text())
+    cache["products"] = {key: {"state": "now", "whole": 1} for key in cache["products"]}
+    path.write_text(json.dumps(cache))
+    assert {row.state for row in of(workshop)} == {CURRENT}

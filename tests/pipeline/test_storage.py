@@ -132,8 +132,8 @@ def test_a_damaged_entry_is_made_anew_and_made_good(toys, bucket, server, monkey
     whole = path.read_bytes()
     broken = bytearray(whole)
     broken[len(whole) // 2 if kind is FILES else len(whole) // 4] ^= 1
-    other = first[kind.path(toys.root, "ball")]
-    body = {"cut": whole[:-9], "one bit": bytes(broken), "of another object": other}[damage]
+    content = first[kind.path(toys.root, "ball")]
+    body = {"cut": whole[:-9], "one bit": bytes(broken), "of another object": content}[damage]
     s3_server.client(server).put_object(Bucket=bucket, Key=key, Body=body)
     path.unlink()
     toys.converge()

@@ -55,20 +55,22 @@ class Submitting:
 
     def ready(self, object_id: str) -> list[tuple[str, float, float]]:
         """Return stage, expected seconds and priority of the tasks of an object that can begin now."""
-        found = []
+        tasks = []
         for stage, before in FOLLOWS.items():
             task = stage, object_id
-            if task not in self._known and all((other, object_id) in self._done for other in before):
+            if task not in self._known and all(
+                (predecessor, object_id) in self._done for predecessor in before
+            ):
                 self._known.add(task)
-                found.append((stage, self._expected(stage, object_id), self._chain(stage, object_id)))
-        return found
+                tasks.append((stage, self._expected(stage, object_id), self._chain(stage, object_id)))
+        return tasks
 
     def ended(self, stage: str, object_id: str) -> None:
         self._done.add((stage, object_id))
 
     def _chain(self, stage: str, object_id: str) -> float:
-        behind = [other for other, before in FOLLOWS.items() if stage in before]
-        chains = [self._chain(other, object_id) for other in behind]
+        behind = [follower for follower, before in FOLLOWS.items() if stage in before]
+        chains = [self._chain(follower, object_id) for follower in behind]
         return self._expected(stage, object_id) + max(chains, default=0.0)
 
 
@@ -77,7 +79,7 @@ def scheduled(
     expected: Expected,
     workers: int,
     cores: float = math.inf,
-    others: int = 0,
+    other_processes: int = 0,
 ) -> list[Ended]:
     """Return how tasks end that share the cores with other processes.
 
@@ -96,12 +98,12 @@ def scheduled(
         while ready and len(running) < workers:
             _, stage, object_id = heapq.heappop(ready)
             running[stage, object_id] = [needed[stage, object_id], now]
-        pace = min(1.0, cores / (len(running) + others))
+        pace = min(1.0, cores / (len(running) + other_processes))
         task = min(running, key=lambda task: running[task][0])
         left_s, began_s = running.pop(task)
         now += left_s / pace
-        for other in running.values():
-            other[0] -= left_s
+        for entry in running.values():
+            entry[0] -= left_s
         ended.append(Ended(now, *task, now - began_s, needed[task]))
         submitting.ended(*task)
         submit(task[1])

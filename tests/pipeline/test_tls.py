@@ -66,7 +66,7 @@ async def _attempts(own, stranger):
         "no certificate": ("tls", {"ssl_context": trusting, "require_encryption": True}),
         "plain": ("tcp", Security(require_encryption=False).get_connection_args("client")),
     }
-    found = {}
+    answers = {}
     async with Scheduler(
         host="127.0.0.1", port=0, protocol="tls", security=security, dashboard_address="127.0.0.1:0"
     ) as scheduler:
@@ -77,10 +77,10 @@ async def _attempts(own, stranger):
                 comm = await connect(address, timeout=seconds, **arguments)
                 await comm.write({"op": "identity", "reply": True})
                 answer = await asyncio.wait_for(comm.read(), seconds)
-                found[name] = "identity" if answer["type"] == "Scheduler" else "another answer"
+                answers[name] = "identity" if answer["type"] == "Scheduler" else "another answer"
             except (OSError, TimeoutError):
-                found[name] = "refused"
-    return found
+                answers[name] = "refused"
+    return answers
 
 
 def test_listening_openly_is_said_so(capsys):

@@ -201,7 +201,7 @@ class Here:
 
     def finished(self, on_workers: Callable[[int, int], None]) -> Iterator[Finished]:
         while self._jobs:
-            job = max(self._jobs, key=lambda one: one.path_seconds)
+            job = max(self._jobs, key=lambda candidate: candidate.path_seconds)
             self._jobs.remove(job)
             self.order.append(f"{job.call.stage} {job.object_id}")
             yield Finished(job, execute(job.call))
@@ -220,8 +220,8 @@ def python(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def read_record(path: Path) -> list[dict[str, Any]]:
     """The lines of the record of a run, without those that a kill cut short."""
-    found = []
+    entries = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         with suppress(ValueError):
-            found.append(json.loads(line))
-    return found
+            entries.append(json.loads(line))
+    return entries

@@ -251,8 +251,8 @@ class Workshop:
 
     def products(self) -> dict[str, bytes]:
         """Return every product by its path."""
-        found = (path for stage in self.stages for kind in stage.products for path in _files(self.root, kind))
-        return {str(path.relative_to(self.root)): path.read_bytes() for path in found}
+        paths = (path for stage in self.stages for kind in stage.products for path in _files(self.root, kind))
+        return {str(path.relative_to(self.root)): path.read_bytes() for path in paths}
 
 
 def forget(package: str) -> None:

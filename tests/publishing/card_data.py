@@ -33,13 +33,13 @@ def row(name: str, licence: str = "CC0-1.0", attribution: str = "A. Maker", sour
 
 
 def write_data_set(
-    root: Path, rows: dict[str, dict], made: set[str] | None = None, refused: tuple = ()
+    root: Path, rows: dict[str, dict], ids: set[str] | None = None, refused: tuple = ()
 ) -> Path:
-    """Write a data set (objects not in `made` have no products), and its report into the folder returned."""
+    """Write a data set (objects not in `ids` have no products), and its report into the folder returned."""
     (root / "params.yaml").write_text((REPOSITORY / "params.yaml").read_text())
     write_records(root, Records(rows, tuple(Failure(*entry) for entry in refused)))
     for index, object_id in enumerate(sorted(rows)):
-        if made is not None and object_id not in made:
+        if ids is not None and object_id not in ids:
             continue
         tensors = {"surface.positions": np.full(64, index, np.int32)}
         path = OBJECT_FILES.path(root, object_id)

@@ -26,10 +26,10 @@ def small_set(
 
 
 def _make_set(glass_bar: TexturedMesh, small_file: Path, root: Path) -> None:
-    made = {kind: read_product(small_file.with_name(f"{kind}.zarr.zip")) for kind in ("views", "modes")}
-    made["touches"] = simulate_touches(glass_bar.surface, Sensor(), touches=3, held_out_touches=6, seed=0)
+    products = {kind: read_product(small_file.with_name(f"{kind}.zarr.zip")) for kind in ("views", "modes")}
+    products["touches"] = simulate_touches(glass_bar.surface, Sensor(), touches=3, held_out_touches=6, seed=0)
     for object_id in ("bar", "rod"):
-        for kind, product in made.items():
+        for kind, product in products.items():
             write_product(root / "data" / kind / f"{object_id}.zarr.zip", product)
         path = root / "data" / "object_files" / f"{object_id}.safetensors"
         path.parent.mkdir(exist_ok=True)

@@ -55,16 +55,16 @@ def publish(
         "[core]\n    remote = store\n    analytics = false\n"
         f"['remote \"store\"']\n    url = {remote}\n{settings}"
     )
-    made = []
+    contents = []
     for number in versions:
-        made.append(write_version(root, number))
+        contents.append(write_version(root, number))
         with contextlib.chdir(root), Repo(str(root)) as repository:
             repository.add(["data/object_files", "data/views"])
             repository.push()
         command(root, "git", "add", "-A")
         command(root, "git", "commit", "-qm", f"version {number}")
         command(root, "git", "tag", f"v{number}")
-    return made
+    return contents
 
 
 class Server:
@@ -123,10 +123,10 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(404)
             return
         content = path.read_bytes()
-        asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
+        byte_range = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
         size, part, start = len(content), content, 0
-        if asked and state.ranges:
-            first, last = int(asked[1]), int(asked[2] or size - 1)
+        if byte_range and state.ranges:
+            first, last = int(byte_range[1]), int(byte_range[2] or size - 1)
             part = content[first : last + 1]
             start = first
             self.send_response(206)

@@ -128,8 +128,8 @@ def test_equal_data_sets_give_equal_bytes(folder, tmp_path, tmp_path_factory):
         os.utime(path, (1, 1))
     write_cards(elsewhere, elsewhere / "reports")
     assert {name: (elsewhere / "reports" / name).read_bytes() for name in CARDS} == before
-    other = elsewhere / "data/object_files/cup.safetensors"
-    other.write_bytes(other.read_bytes() + b"\0")
+    object_file = elsewhere / "data/object_files/cup.safetensors"
+    object_file.write_bytes(object_file.read_bytes() + b"\0")
     write_cards(elsewhere, elsewhere / "reports")
     assert all((elsewhere / "reports" / name).read_bytes() != before[name] for name in CARDS)
 
@@ -139,7 +139,7 @@ def test_failures_and_statements_that_are_missing_are_said(tmp_path):
     failure = FailedObject("gone", "modes", f"{tmp_path}/data/x.obj: <b>no</b>\nfaces", "")
     write_failures(tmp_path, [failure], tuple(STAGES.values()))
     refused = [("odd", "objects.csv row 4: length_m is -1")]
-    folder = write_data_set(tmp_path, rows, made={"cup", "fork"}, refused=refused)
+    folder = write_data_set(tmp_path, rows, ids={"cup", "fork"}, refused=refused)
     write_cards(tmp_path, folder)
     front, body = front_matter(folder)
     assert front["license"] == ["cc0-1.0", "unknown"]
@@ -201,7 +201,7 @@ def test_ids_that_a_loader_would_garble_are_exact(tmp_path, ids):
 
 
 def test_a_data_set_of_nothing_has_cards(tmp_path):
-    folder = write_data_set(tmp_path, {"cup": row("Cup")}, made=set())
+    folder = write_data_set(tmp_path, {"cup": row("Cup")}, ids=set())
     write_cards(tmp_path, folder)
     loaded(folder)
     assert "0 objects" in front_matter(folder)[1]

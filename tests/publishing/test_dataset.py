@@ -55,10 +55,10 @@ def of(root, sense, split="held_out", source="truth", **settings):
     return ObjectFolderDataset(root, sense, split, source, duration_s=0.1, passes=True, **settings)
 
 
-def equal(one, other):
-    return one.keys() == other.keys() and all(
-        torch.equal(value, other[key]) if torch.is_tensor(value) else value == other[key]
-        for key, value in one.items()
+def equal(first, second):
+    return first.keys() == second.keys() and all(
+        torch.equal(value, second[key]) if torch.is_tensor(value) else value == second[key]
+        for key, value in first.items()
     )
 
 
@@ -97,20 +97,22 @@ def test_samples_are_as_documented(small_set, sense, source):
 def test_object_files_answer_the_queries_of_the_truth(small_set, sense):
     truth, answer = of(small_set, sense), of(small_set, sense, source="object_file")
     index = len(truth) - 1
-    one, other = truth[index], answer[index]
+    true_sample, file_sample = truth[index], answer[index]
     for key in ("camera_to_object", "light_position_m", "point_m", "impulse_n_s", "press_depth_m", "query"):
-        if key in one:
-            assert np.array_equal(one[key], other[key])
+        if key in true_sample:
+            assert np.array_equal(true_sample[key], file_sample[key])
     if sense == "audio":
-        error = (one["sound"] - other["sound"]).norm() / one["sound"].norm()
+        error = (true_sample["sound"] - file_sample["sound"]).norm() / true_sample["sound"].norm()
         assert error < 0.3  # fitted to 120 points; the sound of another point is 1 or more off
         return
-    pictures = [(255 * entry["image"].numpy()).round().astype(np.uint8) for entry in (one, other)]
+    pictures = [
+        (255 * entry["image"].numpy()).round().astype(np.uint8) for entry in (true_sample, file_sample)
+    ]
     assert psnr_db(*pictures) > 25
-    assert (one["mask"] == other["mask"]).float().mean() > 0.99
-    both = one["mask"] & other["mask"]
+    assert (true_sample["mask"] == file_sample["mask"]).float().mean() > 0.99
+    both = true_sample["mask"] & file_sample["mask"]
     assert both.any()
-    assert torch.allclose(one["depth_m"][both], other["depth_m"][both], atol=3e-4)
+    assert torch.allclose(true_sample["depth_m"][both], file_sample["depth_m"][both], atol=3e-4)
 
 
 def test_truth_is_that_of_the_products(small_set):
@@ -227,18 +229,21 @@ def test_chunks_that_are_not_stored_are_filled(tmp_path):
 @pytest.mark.parametrize("sense", SHAPES)
 def test_samples_of_a_batch_are_those_asked_for_alone(small_set, sense, source):
     samples = of(small_set, sense, source=source)
-    wanted = [len(samples) - 1, 0, 1, -1, 0]
-    batch = samples.__getitems__(wanted)
+    indices = [len(samples) - 1, 0, 1, -1, 0]
+    batch = samples.__getitems__(indices)
     assert [entry["object_id"] for entry in batch] == ["rod", "bar", "bar", "rod", "bar"]
-    assert all(equal(entry, samples[index]) for entry, index in zip(batch, wanted, strict=True))
+    assert all(equal(entry, samples[index]) for entry, index in zip(batch, indices, strict=True))
 
 
 def changed(small_set, root, kind, **arrays):
     """Write a data set of one product of the bar, with other values of some arrays; return its root."""
     product = read_product(small_set / f"data/{kind}/bar.zarr.zip")
-    others = {name: replace(product.arrays[name], data=data(product[name])) for name, data in arrays.items()}
+    replacements = {
+        name: replace(product.arrays[name], data=data(product[name])) for name, data in arrays.items()
+    }
     write_product(
-        root / f"data/{kind}/changed.zarr.zip", Product({**product.arrays, **others}, product.attributes)
+        root / f"data/{kind}/changed.zarr.zip",
+        Product({**product.arrays, **replacements}, product.attributes),
     )
     return root
 
@@ -299,11 +304,11 @@ def test_files_alone_have_drawn_queries(small_file, sense):
     settings = {"source": "object_file", "queries": 3, "seed": 7, "duration_s": 0.1, "resolution": 16}
     samples = ObjectFolderDataset([small_file], sense, "training", **settings)
     again = ObjectFolderDataset(str(small_file), sense, "training", **settings)
-    other = ObjectFolderDataset([small_file], sense, "held_out", **settings)
+    held_out_samples = ObjectFolderDataset([small_file], sense, "held_out", **settings)
     assert len(samples) == 3
     key = "camera_to_object" if sense == "vision" else "point_m"
     assert all(equal(samples[index], again[index]) for index in range(3))
-    assert not torch.equal(samples[0][key], other[0][key])
+    assert not torch.equal(samples[0][key], held_out_samples[0][key])
     assert not torch.equal(samples[0][key], samples[1][key])
 
 
@@ -330,8 +335,8 @@ def test_a_split_of_objects_without_their_records_says_where_those_are(small_set
 def test_objects_are_chosen_by_name_and_by_split(small_set):
     assert of(small_set, "touch", objects=["rod"]).object_ids == ["rod"]
     for part in ("train", "validation", "test"):
-        wanted = [name for name in ("bar", "rod") if object_split(name, "glass") == part]
-        assert of(small_set, "touch", object_split=part).object_ids == wanted
+        object_ids = [name for name in ("bar", "rod") if object_split(name, "glass") == part]
+        assert of(small_set, "touch", object_split=part).object_ids == object_ids
     with pytest.raises(InputError, match=r"no object 'rd'\. There are rod"):
         of(small_set, "touch", objects=["rd"])
 

@@ -18,13 +18,13 @@ SPLITS = {"train": "training", "test": "held_out"}
 
 def of_shards(folder, split):
     """Return files by ending, of each key, in the order of shards; what WebDataset does."""
-    found = {}
+    files = {}
     for shard in sorted(folder.glob(f"{split}-*.tar")):
         with tarfile.open(shard) as archive:
             for entry in archive:
                 key, _, ending = entry.name.partition(".")
-                found.setdefault(key, {})[ending] = archive.extractfile(entry).read()
-    return found
+                files.setdefault(key, {})[ending] = archive.extractfile(entry).read()
+    return files
 
 
 def pixels(image):
@@ -33,7 +33,7 @@ def pixels(image):
 
 def samples_of(root, sense, split, **settings):
     samples = ObjectFolderDataset(root, sense, SPLITS[split], **settings)
-    return {f"{one['object_id']}-{one['query']:06d}": one for one in samples}
+    return {f"{sample['object_id']}-{sample['query']:06d}": sample for sample in samples}
 
 
 @pytest.mark.parametrize("sense", ["vision", "audio", "touch"])
@@ -41,15 +41,15 @@ def test_shards_have_every_sample_as_it_is(small_set, tmp_path, sense):
     settings = {"duration_s": 0.1, "passes": True}
     counts = export_samples(small_set, tmp_path / "shards", sense, shard_samples=50, **settings)
     for split in SPLITS:
-        expected, found = (
+        expected, shard_files = (
             samples_of(small_set, sense, split, **settings),
             of_shards(tmp_path / "shards", split),
         )
-        assert counts[split] == len(found) == len(expected)
-        assert len(list((tmp_path / "shards").glob(f"{split}-*.tar"))) == -(-len(found) // 50)
-        assert list(found) != sorted(found) or len(found) < 5  # in random order
-        assert found.keys() == expected.keys()
-        for key, files in found.items():
+        assert counts[split] == len(shard_files) == len(expected)
+        assert len(list((tmp_path / "shards").glob(f"{split}-*.tar"))) == -(-len(shard_files) // 50)
+        assert list(shard_files) != sorted(shard_files) or len(shard_files) < 5  # in random order
+        assert shard_files.keys() == expected.keys()
+        for key, files in shard_files.items():
             sample, said = expected[key], json.loads(files["json"])
             assert (said["object_id"], said["query"]) == (sample["object_id"], sample["query"])
             for name in ("sound", "depth_m", "mask"):
@@ -81,8 +81,8 @@ def test_folders_have_a_row_for_every_picture(small_set, tmp_path):
                 assert np.array_equal(image, pixels(sample["image"]))
                 assert np.array_equal(mask > 0, sample["mask"].numpy())
                 assert depth.dtype == np.uint16
-                wanted = np.where(np.isfinite(sample["depth_m"]), sample["depth_m"], 0.0)
-                assert np.abs(depth * row["depth_unit_m"] - wanted).max() <= 0.51 * row["depth_unit_m"]
+                depth_m = np.where(np.isfinite(sample["depth_m"]), sample["depth_m"], 0.0)
+                assert np.abs(depth * row["depth_unit_m"] - depth_m).max() <= 0.51 * row["depth_unit_m"]
 
 
 def test_sounds_of_folders_are_at_true_loudness(small_set, tmp_path):

@@ -279,10 +279,10 @@ def test_a_published_file_that_is_no_product_is_refused(made, tmp_path):
     assert files(tmp_path / "got") == set()
 
 
-def clone_with(made, tmp_path, settings: str, file: str = ".dvc/config") -> Path:
+def clone_with(publication, tmp_path, settings: str, file: str = ".dvc/config") -> Path:
     """A clone of the publisher's repository, in which a file of settings is committed."""
     work = tmp_path / "work"
-    command(tmp_path, "git", "clone", "-q", str(made[0] / "bare.git"), str(work))
+    command(tmp_path, "git", "clone", "-q", str(publication[0] / "bare.git"), str(work))
     (work / file).write_text(settings)
     command(work, "git", "add", "-f", file)
     command(work, "git", "commit", "-qm", "settings")

@@ -38,11 +38,11 @@ def tone(frequency, level, decay=8.0):
 @pytest.fixture(scope="module")
 def pairs():
     """Pairs that a script can tell apart, with levels as the stimuli have them."""
-    made = []
+    stimuli = []
     for index in range(TRIALS):
         truth, answer, change = match(tone(400 + 30 * index, 1e-3), tone(401 + 30 * index, 3.0))
-        made.append(Pair(f"object-{index % 3}", index, truth, answer, change, "t" * 64, "f" * 64))
-    return made
+        stimuli.append(Pair(f"object-{index % 3}", index, truth, answer, change, "t" * 64, "f" * 64))
+    return stimuli
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +89,8 @@ def plan(count, seed):
 
     order = list(range(count))
     for last in range(count - 1, 0, -1):
-        other = int(chance() * (last + 1))
-        order[last], order[other] = order[other], order[last]
+        partner = int(chance() * (last + 1))
+        order[last], order[partner] = order[partner], order[last]
     return [
         (pair, "truth" if chance() < 0.5 else "object_file", "a" if chance() < 0.5 else "b") for pair in order
     ]
@@ -99,8 +99,8 @@ def plan(count, seed):
 def test_levels_are_matched_by_the_stated_rule():
     truth, answer, change = match(tone(440, 1e-4), tone(523, 2.0))
     assert truth.dtype == answer.dtype == np.dtype("<i2")
-    kept = slice(0, -441)  # before the fade
-    levels = [np.sqrt(np.mean(sound[kept].astype(float) ** 2)) for sound in (truth, answer)]
+    span = slice(0, -441)  # before the fade
+    levels = [np.sqrt(np.mean(sound[span].astype(float) ** 2)) for sound in (truth, answer)]
     assert levels[0] == pytest.approx(levels[1], rel=1e-3)
     assert max(np.abs(truth).max(), np.abs(answer).max()) == round(PEAK * 32767)
     assert change == pytest.approx(20 * np.log10(1e-4 / 2.0), abs=0.05)
@@ -110,10 +110,10 @@ def test_levels_are_matched_by_the_stated_rule():
 
 
 def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path, capsys):
-    drawn = draw_pairs(small_set, 10, seed=3, duration_s=0.1)
-    assert sorted({pair.object_id for pair in drawn}) == ["bar", "rod"]
-    assert sum(pair.object_id == "bar" for pair in drawn) == 5
-    assert len({(pair.object_id, pair.query) for pair in drawn}) == 10
+    drawn_pairs = draw_pairs(small_set, 10, seed=3, duration_s=0.1)
+    assert sorted({pair.object_id for pair in drawn_pairs}) == ["bar", "rod"]
+    assert sum(pair.object_id == "bar" for pair in drawn_pairs) == 5
+    assert len({(pair.object_id, pair.query) for pair in drawn_pairs}) == 10
     sounds = {
         source: {
             (sample["object_id"], sample["query"]): sample["sound"].numpy().astype(float)
@@ -121,17 +121,17 @@ def test_the_drawn_sounds_are_those_of_the_package(small_set, tmp_path, capsys):
         }
         for source in ("truth", "object_file")
     }
-    for pair in drawn:
+    for pair in drawn_pairs:
         for source in ("truth", "object_file"):
             heard = getattr(pair, source)[:-441].astype(float)
-            wanted = sounds[source][pair.object_id, pair.query][:-441]
-            factor = heard @ wanted / (wanted @ wanted)
+            sound = sounds[source][pair.object_id, pair.query][:-441]
+            factor = heard @ sound / (sound @ sound)
             # 16 bits, and a factor that is itself fitted to rounded samples.
-            assert np.abs(heard - factor * wanted).max() <= 0.6
+            assert np.abs(heard - factor * sound).max() <= 0.6
     again = draw_pairs(small_set, 10, seed=3, duration_s=0.1)
-    assert page_text(drawn, 3) == page_text(again, 3)
-    other = draw_pairs(small_set, 10, seed=4, duration_s=0.1)
-    assert [pair.query for pair in other] != [pair.query for pair in drawn]
+    assert page_text(drawn_pairs, 3) == page_text(again, 3)
+    other_pairs = draw_pairs(small_set, 10, seed=4, duration_s=0.1)
+    assert [pair.query for pair in other_pairs] != [pair.query for pair in drawn_pairs]
     with pytest.raises(InputError, match="40 held-out strikes of 2 audible objects for 41"):
         draw_pairs(small_set, 41, seed=0)
     path = tmp_path / "listen.html"
@@ -153,9 +153,9 @@ def test_a_perfect_listener_gets_all(started, pairs):
         for letter, role in (("a", a), ("b", "object_file" if a == "truth" else "truth")):
             assert heard[letter]["values"] == getattr(pairs[pair], role).tolist()
             assert heard[letter]["rate"] == SAMPLE_RATE_HZ
-        told = "a" if heard["x"]["values"] == heard["a"]["values"] else "b"
-        assert told == x
-        page.click(f"#is-{told}")
+        choice = "a" if heard["x"]["values"] == heard["a"]["values"] else "b"
+        assert choice == x
+        page.click(f"#is-{choice}")
     assert page.inner_text("#score") == "12 of 12 right"
     assert "less than 0.001" in page.inner_text("#meaning")
     record = saved(page)
@@ -217,8 +217,8 @@ def test_guess_probabilities_and_plans_are_exact(started):
             got = page.evaluate(f"guessProbability({correct}, {total})")
             assert got == pytest.approx(expected, rel=1e-9)
     for seed in (0, 1, 999_999_999):
-        drawn = page.evaluate(f"planTrials(Array(50).fill(0), {seed})")
-        assert [(entry["pair"], entry["a"], entry["x"]) for entry in drawn] == plan(50, seed)
+        trials = page.evaluate(f"planTrials(Array(50).fill(0), {seed})")
+        assert [(entry["pair"], entry["a"], entry["x"]) for entry in trials] == plan(50, seed)
     many = page.evaluate("planTrials(Array(4000).fill(0), 12)")
     for key, value in (("a", "truth"), ("x", "a")):
         assert abs(sum(entry[key] == value for entry in many) - 2000) < 130  # four sigma

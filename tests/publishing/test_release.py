@@ -26,8 +26,8 @@ OTHERS = [f"bowl{number}" for number in range(18)]
 def workshop(tmp_path_factory):
     """A data set of twenty objects, made and committed."""
     materials = {"cup": "steel", "dish": "wood", **dict.fromkeys(OTHERS, "iron")}
-    with made_versions(tmp_path_factory.mktemp("release"), "workshop_of_release", **materials) as made:
-        yield made
+    with made_versions(tmp_path_factory.mktemp("release"), "workshop_of_release", **materials) as data_set:
+        yield data_set
 
 
 @pytest.fixture

@@ -170,10 +170,10 @@ class _Handler(BaseHTTPRequestHandler):
             return self.say(int(kind), {"Retry-After": self.files.retry_after} if kind == "429" else {})
         if kind in ("moved", "loop"):
             return self.say(302, {"Location": redirection(self.path, kind)})
-        found = self.files.content(self.path)
-        if found is None:
+        document = self.files.content(self.path)
+        if document is None:
             return self.say(404, {})
-        return self.give(*found, kind)
+        return self.give(*document, kind)
 
     do_HEAD = do_GET
 

@@ -66,8 +66,8 @@ def long_names(count: int) -> bytes:
     """A tar of headers that each announce the name of the next."""
     entry = tarfile.TarInfo("././@LongLink")
     entry.type, entry.size = tarfile.GNUTYPE_LONGNAME, 1
-    one = entry.tobuf(tarfile.GNU_FORMAT) + b"x".ljust(512, b"\0")
-    return one * count + bytes(1024)
+    header = entry.tobuf(tarfile.GNU_FORMAT) + b"x".ljust(512, b"\0")
+    return header * count + bytes(1024)
 
 
 def tree(folder: Path) -> dict[str, bytes]:

@@ -21,16 +21,16 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 def test_a_file_comes_once(file_server, address, cache_folder):
-    told: list[tuple[str, int, int | None]] = []
-    downloader = Downloader(cache_folder, progress=lambda *said: told.append(said), **AMPLE)
+    reports: list[tuple[str, int, int | None]] = []
+    downloader = Downloader(cache_folder, progress=lambda *said: reports.append(said), **AMPLE)
     url = f"{address}/a.bin"
     path = downloader.file(url, md5=MD5.upper(), size=len(CONTENT))
     assert path.read_bytes() == CONTENT
     assert path.name == "a.bin"
     assert path.is_relative_to(cache_folder)
-    assert told[0] == (url, 0, len(CONTENT))
-    assert told[-1] == (url, len(CONTENT), len(CONTENT))
-    assert [count for _, count, _ in told] == sorted(count for _, count, _ in told)
+    assert reports[0] == (url, 0, len(CONTENT))
+    assert reports[-1] == (url, len(CONTENT), len(CONTENT))
+    assert [count for _, count, _ in reports] == sorted(count for _, count, _ in reports)
     assert downloader.file(url) == path
     assert len(file_server.requests) == 1
     (_, _, headers) = file_server.requests[0]
@@ -148,10 +148,12 @@ def test_threads_and_processes_fetch_a_file_once(file_server, address, cache_fol
         "print(Downloader(Path(sys.argv[1])).file(sys.argv[2]))"
     )
     command = [sys.executable, "-c", code, str(cache_folder), f"{address}/a.bin"]
-    others = [subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    processes = [
+        subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, text=True) for _ in range(2)
+    ]
     with concurrent.futures.ThreadPoolExecutor(4) as pool:
         paths = set(pool.map(downloader.file, [f"{address}/a.bin"] * 8))
-    paths |= {Path(other.communicate()[0].strip()) for other in others}
+    paths |= {Path(process.communicate()[0].strip()) for process in processes}
     (path,) = paths
     assert path.read_bytes() == CONTENT
     assert file_server.bytes_sent == len(CONTENT)

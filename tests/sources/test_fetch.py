@@ -224,9 +224,9 @@ def test_what_is_known_otherwise_of_one_resolution_does_not_touch_another(place)
     place.sources.add_poly_haven(POLY_HAVEN, "2k")
     place.fetch(IDS[2], "2k")
     first = place.fetch(IDS[2])
-    known = place.hashes.read_text(encoding="utf-8")
+    text = place.hashes.read_text(encoding="utf-8")
     place.hashes.write_text(
-        known.replace(f"textures/{POLY_HAVEN}_arm_2k.jpg,", f"textures/{POLY_HAVEN}_arm_2k.jpg,1")
+        text.replace(f"textures/{POLY_HAVEN}_arm_2k.jpg,", f"textures/{POLY_HAVEN}_arm_2k.jpg,1")
     )
     assert place.fetch(IDS[2]).outcome == KEPT
     with pytest.raises(ChangedError):

@@ -129,10 +129,10 @@ def test_one_that_fails_does_not_stop_the_others(fetch, sources):
     assert (status, errors) == (0, "")
     assert said.count("already there") == 2
     _, said, _ = fetch(IDS[0], IDS[2], "--json")
-    figures = [(one["id"], one["outcome"], Path(one["mesh"]).is_file()) for one in json.loads(said)]
+    figures = [(entry["id"], entry["outcome"], Path(entry["mesh"]).is_file()) for entry in json.loads(said)]
     assert figures == [(IDS[0], "already there", True), (IDS[2], "already there", True)]
     _, said, _ = fetch(IDS[0], IDS[1], "--dry-run", "--json")
-    assert {one["id"] for one in json.loads(said)} == {IDS[1]}
+    assert {entry["id"] for entry in json.loads(said)} == {IDS[1]}
 
 
 def test_a_source_that_cannot_be_reached_is_not_waited_for_forever(fetch, sources, monkeypatch):

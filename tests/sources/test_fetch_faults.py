@@ -33,16 +33,16 @@ def run_once(tmp_path: Path, seed: int) -> str:
     target = source_object.folder(fetched)
     with sources.server.listening() as base:
         downloader = sources.downloader(base, tmp_path / "cache", **HURRIED)
-        told: ObjectFolderError | None = None
+        refusal: ObjectFolderError | None = None
         try:
             Fetcher(fetched, downloader, hashes).fetch(source_object)
         except ObjectFolderError as error:
-            told = error
-        if told is None:
+            refusal = error
+        if refusal is None:
             assert files_in(target) == sources.expected[source_id]
         else:
-            assert told.finding
-            assert told.remedy
+            assert refusal.finding
+            assert refusal.remedy
             assert not target.exists()
             assert read_hashes(hashes) == {}
         assert not [path for path in fetched.glob("*/.*") if path.suffix != ".lock"]
@@ -51,8 +51,8 @@ def run_once(tmp_path: Path, seed: int) -> str:
         got = Fetcher(fetched, sources.downloader(base, tmp_path / "cache"), hashes).fetch(source_object)
     assert files_in(got.folder) == sources.expected[source_id]
     assert set(read_hashes(hashes)) == {(source_id, path) for path in sources.expected[source_id]}
-    assert got.outcome == (FETCHED if told else KEPT)
-    return "refused" if told else "complete"
+    assert got.outcome == (FETCHED if refusal else KEPT)
+    return "refused" if refusal else "complete"
 
 
 @pytest.mark.parametrize(

@@ -97,12 +97,12 @@ def test_bytes_are_those_of_the_originals(fetched_samples, served_samples, downl
 
 def test_what_the_project_knows_of_them_holds(fetched_samples):
     """All files but the texture of the mug, of which the sample is a smaller copy."""
-    known = read_hashes(REPOSITORY / "data" / "source_hashes.csv")
+    hashes = read_hashes(REPOSITORY / "data" / "source_hashes.csv")
     new = {
         (source_id, path)
         for source_id, got in fetched_samples.items()
         for path in got.form.files
-        if (source_id, path) not in known
+        if (source_id, path) not in hashes
     }
     assert new == {(f"gso:{MUG}", "materials/textures/texture.png")}
     assert {got.recorded for got in fetched_samples.values()} == {0, 1}

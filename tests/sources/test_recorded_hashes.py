@@ -91,7 +91,7 @@ def test_processes_that_add_at_once_lose_nothing(tmp_path):
 
 
 def test_the_table_of_the_project_is_whole_and_of_known_sources():
-    known = read_hashes(REPOSITORY / "data" / "source_hashes.csv")
-    assert list(known) == sorted(known)
-    assert {source_id.partition(":")[0] for source_id, _ in known} <= set(SOURCES)
-    assert known["ycb:031_spoon", "google_16k/textured.mtl"].bytes == 66
+    hashes = read_hashes(REPOSITORY / "data" / "source_hashes.csv")
+    assert list(hashes) == sorted(hashes)
+    assert {source_id.partition(":")[0] for source_id, _ in hashes} <= set(SOURCES)
+    assert hashes["ycb:031_spoon", "google_16k/textured.mtl"].bytes == 66

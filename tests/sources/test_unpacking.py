@@ -70,10 +70,10 @@ def test_what_an_archive_holds(tmp_path, kind):
 def test_only_what_is_wanted_of_a_folder(tmp_path, kind):
     members = {f"./{name}": content for name, content in LAYOUT.items()} | {"textured.mtl": b"another"}
     target = tmp_path / "target"
-    wanted = ["google_16k/textured.mtl"]
+    names = ["google_16k/textured.mtl"]
     archive = put(tmp_path, MAKERS[kind](members.items()))
-    assert unpack(archive, target, top="031_spoon", selects=lambda name: name.endswith(".mtl")) == wanted
-    assert tree(target) == {wanted[0]: LAYOUT[f"031_spoon/{wanted[0]}"]}
+    assert unpack(archive, target, top="031_spoon", selects=lambda name: name.endswith(".mtl")) == names
+    assert tree(target) == {names[0]: LAYOUT[f"031_spoon/{names[0]}"]}
 
 
 HOSTILE = {

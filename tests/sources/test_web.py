@@ -84,7 +84,7 @@ def certificate(tmp_path) -> Path:
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "127.0.0.1")])
     now = datetime.now(UTC)
-    made = (
+    x509_certificate = (
         x509.CertificateBuilder(
             name, name, key.public_key(), x509.random_serial_number(), now, now + timedelta(1)
         )
@@ -97,7 +97,7 @@ def certificate(tmp_path) -> Path:
     path = tmp_path / "certificate.pem"
     plain = (serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     pem = serialization.Encoding.PEM
-    path.write_bytes(made.public_bytes(pem) + key.private_bytes(pem, *plain))
+    path.write_bytes(x509_certificate.public_bytes(pem) + key.private_bytes(pem, *plain))
     return path
 
 

@@ -39,8 +39,8 @@ def touched(page: Any, kind: str, act: Callable[[], Any]) -> dict[str, Any]:
         kind,
     )
     act()
-    found: dict[str, Any] = json.loads(page.evaluate("() => window.touched"))
-    return found
+    answer: dict[str, Any] = json.loads(page.evaluate("() => window.touched"))
+    return answer
 
 
 def click(page: Any, x: float = 0.5, y: float = 0.5) -> None:
@@ -98,8 +98,8 @@ def spectral_peaks(sound: np.ndarray, rate: float, near_hz: np.ndarray) -> tuple
     level = 20 * np.log10(np.maximum(magnitude, 1e-30))
     step = rate / count
     frequencies, levels = [], []
-    for wanted in near_hz:
-        low, high = (int(wanted * 2 ** (cents / 1200) / step) for cents in (-20, 20))
+    for frequency_hz in near_hz:
+        low, high = (int(frequency_hz * 2 ** (cents / 1200) / step) for cents in (-20, 20))
         top = low + int(np.argmax(level[low : high + 2]))
         a, b, c = level[top - 1 : top + 2]
         shift = 0.5 * (a - c) / (a - 2 * b + c)

@@ -74,10 +74,10 @@ def test_dragging_shows_coarse_images_at_once(live):
     )
     drag(live.page, 0.3)
     at_rest(live.page)
-    drawn = live.page.evaluate("() => window.drawn")
-    assert drawn[0]["sub_rays"] == 4
-    assert drawn[-1]["sub_rays"] is None
-    assert drawn[-1]["resolution"] == FINEST
+    images = live.page.evaluate("() => window.drawn")
+    assert images[0]["sub_rays"] == 4
+    assert images[-1]["sub_rays"] is None
+    assert images[-1]["resolution"] == FINEST
 
 
 def test_a_click_strikes_and_the_python_gives_the_same_sound(live, small_file):
@@ -87,15 +87,15 @@ def test_a_click_strikes_and_the_python_gives_the_same_sound(live, small_file):
     ray = evaluated(page, "panel.last.hit.orbit.ray(panel.last.hit.x, panel.last.hit.y)")
     hits = file.surface.ray_hits(np.array([ray["origin"]]), np.array([ray["direction"]]))
     assert np.array_equal(answer["point"], file.surface.points_at(hits.face, hits.barycentric)[0])
-    asked = python_answers(page, image=False)
+    expected = python_answers(page, image=False)
     played = np.array(evaluated(page, "Array.from(panel.heard.buffer.getChannelData(0))"))
-    assert np.abs(asked["sound"]).max() > 0
-    assert np.array_equal(played.astype(np.float32), asked["sound"])
-    assert np.allclose(answer["amplitudes"], asked["amplitudes"], rtol=1e-12)
-    strongest = np.argsort(-np.abs(asked["amplitudes"]) / file.modes.dampings_per_s)[:5]
+    assert np.abs(expected["sound"]).max() > 0
+    assert np.array_equal(played.astype(np.float32), expected["sound"])
+    assert np.allclose(answer["amplitudes"], expected["amplitudes"], rtol=1e-12)
+    strongest = np.argsort(-np.abs(expected["amplitudes"]) / file.modes.dampings_per_s)[:5]
     frequencies = file.modes.frequencies_hz[strongest]
-    found, _ = spectral_peaks(played, evaluated(page, "panel.last.strike.sample_rate"), frequencies)
-    assert np.abs(1200 * np.log2(found / frequencies)).max() < 1
+    peaks_hz, _ = spectral_peaks(played, evaluated(page, "panel.last.strike.sample_rate"), frequencies)
+    assert np.abs(1200 * np.log2(peaks_hz / frequencies)).max() < 1
     shown = page.locator(".player-answer tbody tr td:first-child").first.text_content()
     number, unit = shown.split()
     heard = float(number) * (1000 if unit == "kHz" else 1)
@@ -143,8 +143,8 @@ def test_texts_of_strangers_stay_texts(small_file, open_page, tmp_path):
 
 
 def test_objects_are_switched(small_file, open_page, tmp_path):
-    other = hostile_copy(small_file, tmp_path / "other.safetensors")
-    with served(small_file, other) as server:
+    second_file = hostile_copy(small_file, tmp_path / "other.safetensors")
+    with served(small_file, second_file) as server:
         page = open_page(server.address).page
         drawn(page)
         choice = page.locator("#objects")
@@ -154,7 +154,7 @@ def test_objects_are_switched(small_file, open_page, tmp_path):
         drawn(page)
         assert page.locator("h1").text_content() == HOSTILE
         assert choice.input_value() == "1"
-        assert str(other) in page.locator("#facts").text_content()
+        assert str(second_file) in page.locator("#facts").text_content()
 
 
 def test_a_server_that_is_gone_is_said(small_file, open_page):

@@ -41,8 +41,8 @@ def asked(server, method, path, body=None, headers=None, host=None):
     """Status, headers and body of a request."""
     port = urlsplit(server.address).port
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as connection:
-        sent = {"Host": host or f"127.0.0.1:{port}", **(headers or {})}
-        connection.request(method, path, body, sent)
+        header_fields = {"Host": host or f"127.0.0.1:{port}", **(headers or {})}
+        connection.request(method, path, body, header_fields)
         answer = connection.getresponse()
         return answer.status, answer.headers, answer.read()
 
@@ -110,9 +110,9 @@ def test_its_own_names_are_answered(server):
     ],
 )
 def test_other_pages_are_refused(server, headers):
-    status, given, body = asked(server, "POST", "/object", "{}", JSON | headers)
+    status, answer_headers, body = asked(server, "POST", "/object", "{}", JSON | headers)
     assert (status, b"Glass bar" in body) == (403, False)
-    assert "Access-Control-Allow-Origin" not in given
+    assert "Access-Control-Allow-Origin" not in answer_headers
 
 
 def test_forms_of_other_pages_are_refused(server):
@@ -218,10 +218,10 @@ def test_long_requests_are_refused(server):
 
 
 def test_a_taken_port_is_named(small_file):
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        port = listener.getsockname()[1]
         with pytest.raises(InputError, match=f"--port: {port}"):
             Server(page_of_objects(LiveObjects([small_file])), port)
 

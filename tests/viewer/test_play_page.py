@@ -81,7 +81,7 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
     before = image(page)
     page.evaluate(f"() => ({TABLE}.sound.peak = 0)")
     page.mouse.click(*place_on(page, world, "0_mug"))
-    wait_until(lambda: any(one.bodies == ("hammer", "0_mug") for one in world._sound.impacts))
+    wait_until(lambda: any(impact.bodies == ("hammer", "0_mug") for impact in world._sound.impacts))
     page.wait_for_function(f"() => {TABLE}.sound.peak > 1e-3")
     page.wait_for_function(
         "(before) => document.querySelector('.player-image').toDataURL() !== before", arg=before
@@ -89,8 +89,8 @@ def test_a_click_strikes_what_is_seen_and_heard(played):
     before = page.evaluate(f"() => [{TABLE}.sound.underruns, {TABLE}.sound.behind]")
     world._acts.put((lambda: time.sleep(2.0), Future()))  # the world comes late
     page.wait_for_function(f"(before) => {TABLE}.sound.underruns > before", arg=before[0])
-    told = re.compile(r"gaps? in the sound, now 0\.\d+ s late")
-    page.locator(".player-resolution", has_text=told).wait_for()
+    pattern = re.compile(r"gaps? in the sound, now 0\.\d+ s late")
+    page.locator(".player-resolution", has_text=pattern).wait_for()
     behind = page.evaluate(f"() => {TABLE}.sound.behind")
     assert before[1] < behind <= 0.5 or before[1] == behind == 0.5, "a busy machine may be at the most before"
 
@@ -135,7 +135,7 @@ def test_the_player_joins_blocks_waits_longer_after_a_gap_and_catches_up(world, 
     """Ramps into a player of 44.1 kHz without a device: each sample says which one it is."""
     with served_page(page_of_world(world)) as server:
         page = open_page(server.address).page
-        heard, told = page.evaluate(
+        heard, reports = page.evaluate(
             """async (parts) => {
               const context = new OfflineAudioContext(1, 4 * 44100, 44100);
               await context.audioWorklet.addModule("sound_player.js");
@@ -168,8 +168,8 @@ def test_the_player_joins_blocks_waits_longer_after_a_gap_and_catches_up(world, 
     np.testing.assert_array_equal(first, np.arange(1, 1 + 114 * 128))
     assert heard.index(1.0) / 44100 == pytest.approx(0.5, abs=0.01)
     assert heard.index(second[0]) / 44100 == pytest.approx(1.5, abs=0.01)
-    assert [(one["underruns"], one["skips"]) for one in told] == [(0, 0), (1, 0), (1, 1), (2, 1)]
-    assert [one["behind"] for one in told] == pytest.approx([0.12, 0.15, 0.15, 0.18], abs=1e-4)
+    assert [(report["underruns"], report["skips"]) for report in reports] == [(0, 0), (1, 0), (1, 1), (2, 1)]
+    assert [report["behind"] for report in reports] == pytest.approx([0.12, 0.15, 0.15, 0.18], abs=1e-4)
     steps, skipped = np.diff(second), 80000 - len(second)
     assert skipped == pytest.approx(80000 - 44100 - 0.15 * 44100, abs=512)
     assert 1 < steps.max() < 1.1 * skipped / 512, "faded over, not cut"
@@ -244,12 +244,12 @@ def test_no_image_begins_while_the_world_is_late(world, monkeypatch):
     with world.running(), ThreadPoolExecutor() as threads:
         world._asked_s += 1000.0
         wait_until(lambda: not world._on_time.is_set())
-        seen = threads.submit(world.seen, {"camera_to_world": camera, "resolution": 16, "sub_rays": 1})
+        future = threads.submit(world.seen, {"camera_to_world": camera, "resolution": 16, "sub_rays": 1})
         time.sleep(10 * BLOCK_S)
-        assert not seen.done()
+        assert not future.done()
         monkeypatch.setattr(world, "_advance", lambda: None)
-        wait_until(seen.done)
-        assert seen.result()[0]["resolution"] == 16
+        wait_until(future.done)
+        assert future.result()[0]["resolution"] == 16
 
 
 def test_every_block_is_heard_once_in_order(world):
@@ -335,18 +335,18 @@ def test_a_scene_says_its_lamps_and_its_environment(scene, world):
         '<custom><text name="environment" data="sky"/></custom><worldbody>'
         '<light name="lamp_red" pos="0 -1 1" diffuse="1 .1 .1"/><light pos="0 0 9" diffuse="9 9 9"/>',
     )
-    other = scene.with_name("lit.xml")
-    other.write_text(said)
-    opened, posed = OpenedScene.of(other), world._poses
-    seen = opened.sight(posed).image(camera_over(world._points), 32)
+    lit_scene = scene.with_name("lit.xml")
+    lit_scene.write_text(said)
+    opened, posed = OpenedScene.of(lit_scene), world._poses
+    picture = opened.sight(posed).image(camera_over(world._points), 32)
     lights = [Lamps([[0.0, -1.0, 1.0]], [[1.0, 0.1, 0.1]]), "sky"]
     expected = LiveSight(posed, opened.files, table_m=opened.table_m, lights=lights).image(
         camera_over(world._points), 32
     )
-    assert abs(seen.rgb.astype(int) - expected.rgb).max() <= 1, "colours are float32 in the engine"
-    other.write_text(said.replace("sky", "disco"))
+    assert abs(picture.rgb.astype(int) - expected.rgb).max() <= 1, "colours are float32 in the engine"
+    lit_scene.write_text(said.replace("sky", "disco"))
     with pytest.raises(QueryError, match="disco"):
-        OpenedScene.of(other).sight(posed)
+        OpenedScene.of(lit_scene).sight(posed)
 
 
 def test_an_unstable_world_starts_again_and_says_so(world, monkeypatch, tmp_path):

@@ -27,8 +27,8 @@ def test_a_player_is_written_and_kept_by_what_its_file_holds(small_file, tmp_pat
     assert script.stat().st_size < 400_000
     data = script.read_text().partition(" = ")[2].removesuffix(";\n")
     assert json.loads(data)["header"]["name"] == "Glass bar"
-    (kept,) = (tmp_path / "cache").iterdir()
-    kept.write_text(data.replace("Glass bar", "kept"))
+    (entry,) = (tmp_path / "cache").iterdir()
+    entry.write_text(data.replace("Glass bar", "kept"))
     again = write_player(small_file, tmp_path / "b", "other", cache=tmp_path / "cache")
     assert '"kept"' in again.read_text(), "the Object File is not opened again"
 

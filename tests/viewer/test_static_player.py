@@ -105,19 +105,19 @@ def test_the_studio_shows_all_sides_and_one_lamp_one(player):
 @pytest.mark.parametrize("light", ["Studio", "Window"])
 def test_the_object_is_as_bright_as_in_the_packages_pictures(player, light):
     player.page.get_by_role("radio", name=light).check()
-    drawn, shown = pixels(player.page), python_answers(player.page, pixels="96")["image"]
-    levels = [image[(image < 250).any(axis=2)].mean() for image in (drawn, shown)]
+    picture, shown = pixels(player.page), python_answers(player.page, pixels="96")["image"]
+    levels = [image[(image < 250).any(axis=2)].mean() for image in (picture, shown)]
     assert levels[0] == pytest.approx(levels[1], rel=0.25)
 
 
 def test_the_silhouette_is_the_packages(player, folder):
     file = objectfolder.load("data/object_files/bar.safetensors")
     for _ in range(2):
-        drawn = (pixels(player.page) < 255).any(axis=2)
+        silhouette = (pixels(player.page) < 255).any(axis=2)
         camera = np.array(evaluated(player.page, "panel.orbit.cameraToWorld()"))
-        mask = file.render_passes(camera, ["mask"], resolution=len(drawn))["mask"][0]
+        mask = file.render_passes(camera, ["mask"], resolution=len(silhouette))["mask"][0]
         assert mask.mean() > 0.05
-        assert (drawn & mask).sum() / (drawn | mask).sum() > 0.97
+        assert (silhouette & mask).sum() / (silhouette | mask).sum() > 0.97
         drag(player.page, 0.25)
 
 
@@ -139,23 +139,23 @@ def test_a_click_strikes_the_nearest_stored_place_and_sounds_as_the_package_does
     normal = file.surface.normals_at(nearest.face, nearest.barycentric)[0]
     assert np.array(answer["normal"]) @ normal == pytest.approx(1, abs=1e-9)
 
-    asked = python_answers(page, image=False)
+    expected = python_answers(page, image=False)
     rate = evaluated(page, "panel.last.strike.sample_rate")
     played = np.array(evaluated(page, "Array.from(panel.heard.buffer.getChannelData(0))"))
-    assert len(played) == len(asked["sound"])
+    assert len(played) == len(expected["sound"])
     # The same sound but for the gains, which are stored in a byte each: -30 dB.
-    assert rms(played - asked["sound"]) < 10 ** (-30 / 20) * rms(asked["sound"])
+    assert rms(played - expected["sound"]) < 10 ** (-30 / 20) * rms(expected["sound"])
     amplitudes = np.array(answer["amplitudes"])
-    assert rms(amplitudes - asked["amplitudes"]) < 10 ** (-30 / 20) * rms(asked["amplitudes"])
+    assert rms(amplitudes - expected["amplitudes"]) < 10 ** (-30 / 20) * rms(expected["amplitudes"])
     # And in its spectrum: the strongest partials within 1 cent of the file's modes and 1 dB of their levels.
-    strength = np.abs(asked["amplitudes"]) / file.modes.dampings_per_s
+    strength = np.abs(expected["amplitudes"]) / file.modes.dampings_per_s
     strongest = np.argsort(-strength)[:5]
     strongest = strongest[strength[strongest] > 0.1 * strength.max()]  # others' peaks lie on skirts of these
     frequencies = file.modes.frequencies_hz[strongest]
-    found, levels = spectral_peaks(played, rate, frequencies)
-    _, wanted = spectral_peaks(asked["sound"].astype(float), rate, frequencies)
-    assert np.abs(1200 * np.log2(found / frequencies)).max() < 1
-    assert np.abs(levels - wanted).max() < 1
+    peaks_hz, levels = spectral_peaks(played, rate, frequencies)
+    _, expected_levels = spectral_peaks(expected["sound"].astype(float), rate, frequencies)
+    assert np.abs(1200 * np.log2(peaks_hz / frequencies)).max() < 1
+    assert np.abs(levels - expected_levels).max() < 1
 
 
 def test_strength_scales_the_sound_and_the_direction_is_taken(player):

@@ -136,11 +136,11 @@ def test_a_point_is_answered_alike_in_any_company(points: np.ndarray, gains_netw
 
 def test_a_seed_gives_the_same_networks(points: np.ndarray, mode_sounds: np.ndarray) -> None:
     gains = smooth_gains(points)
-    one, same, other = (
+    base, repeat, variant = (
         fit_gains_network(points, gains, steps=3, seed=seed).gains(points) for seed in (1, 1, 2)
     )
-    np.testing.assert_array_equal(one, same)
-    assert np.abs(one - other).max() > 1e-3
+    np.testing.assert_array_equal(base, repeat)
+    assert np.abs(base - variant).max() > 1e-3
     first, again = (
         fit_spectrogram_network(points, gains[:, :, :2], mode_sounds, steps=2, seed=5).training.losses
         for _ in range(2)
@@ -182,8 +182,10 @@ def test_spectrograms_are_learned_in_the_units_of_the_sound(
 def test_sounds_are_linear_in_the_impulse(
     points: np.ndarray, spectrogram_network: SpectrogramNetwork
 ) -> None:
-    one, other = np.array([1.0, 0, 0]), np.array([0, -2.0, 0.5])
-    answers = spectrogram_network.sounds(np.repeat(points[:1], 4, axis=0), [one, other, one + other, 0 * one])
+    first, second = np.array([1.0, 0, 0]), np.array([0, -2.0, 0.5])
+    answers = spectrogram_network.sounds(
+        np.repeat(points[:1], 4, axis=0), [first, second, first + second, 0 * first]
+    )
     assert answers.shape == (4, SAMPLES)
     np.testing.assert_allclose(answers[2], answers[0] + answers[1], atol=1e-9 * np.abs(answers).max())
     np.testing.assert_array_equal(answers[3], 0)

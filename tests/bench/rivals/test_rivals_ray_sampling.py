@@ -15,20 +15,20 @@ from bench.rivals.vision.ray_marching import (
 
 @given(arrays(np.float64, 12, elements=st.floats(0, 1, width=32)))
 def test_strata_tile_the_ray_and_hold_one_sample_each(positions):
-    found = stratified(0.01, 4.0, torch.tensor(positions)[None])[0].numpy()
+    samples = stratified(0.01, 4.0, torch.tensor(positions)[None])[0].numpy()
     ends = stratified(0.01, 4.0, torch.tensor([[0.0] * 12, [1.0] * 12], dtype=torch.float64)).numpy()
     assert ends[0, 0] == 0.01
     assert ends[1, -1] == 4.0
     np.testing.assert_allclose(ends[0, 1:], ends[1, :-1])
-    assert (found >= ends[0] - 1e-12).all()
-    assert (found <= ends[1] + 1e-12).all()
+    assert (samples >= ends[0] - 1e-12).all()
+    assert (samples <= ends[1] + 1e-12).all()
 
 
 def test_even_positions_in_bins_are_the_inverse_of_a_known_distribution():
     # Density 3 : 1 on two bins of different width: the median lies two thirds into the first.
     edges, mass = torch.tensor([[0.0, 0.4, 2.0]]).double(), torch.tensor([[0.75, 0.25]]).double() * 1e6
-    found = inverse_cumulative(edges, mass, torch.tensor([[0.0, 0.5, 0.75, 0.875, 1.0]]).double())
-    np.testing.assert_allclose(found.numpy(), [[0.0, 0.4 * 2 / 3, 0.4, 1.2, 2.0]], atol=1e-9)
+    quantiles = inverse_cumulative(edges, mass, torch.tensor([[0.0, 0.5, 0.75, 0.875, 1.0]]).double())
+    np.testing.assert_allclose(quantiles.numpy(), [[0.0, 0.4 * 2 / 3, 0.4, 1.2, 2.0]], atol=1e-9)
 
 
 def test_draws_have_the_density_they_are_drawn_from():
@@ -48,26 +48,26 @@ def test_draws_have_the_density_they_are_drawn_from():
 def test_fine_samples_join_the_coarse_ones_in_order_within_the_ray(shares):
     coarse = evenly_spaced(0.01, 4.0, 3, 8, torch.device("cpu"))
     fixed = torch.linspace(0, 1, 16).expand(3, -1)
-    found = refined(coarse, torch.tensor(shares), fixed)
-    assert found.shape == (3, 24)
-    assert (found[:, 1:] >= found[:, :-1]).all()
-    assert torch.isfinite(found).all()
+    samples = refined(coarse, torch.tensor(shares), fixed)
+    assert samples.shape == (3, 24)
+    assert (samples[:, 1:] >= samples[:, :-1]).all()
+    assert torch.isfinite(samples).all()
     for ray in range(3):
-        assert set(coarse[ray].tolist()) <= set(found[ray].tolist())
+        assert set(coarse[ray].tolist()) <= set(samples[ray].tolist())
 
 
 def test_fine_samples_gather_where_the_coarse_ones_found_the_surface():
     coarse = evenly_spaced(0.0, 1.0, 1, 64, torch.device("cpu"))
     shares = torch.zeros(1, 64)
     shares[0, 40] = 1.0
-    found = refined(coarse, shares, torch.linspace(0, 1, 128).expand(1, -1))[0]
-    near = (found - coarse[0, 40]).abs() < 1 / 63
+    samples = refined(coarse, shares, torch.linspace(0, 1, 128).expand(1, -1))[0]
+    near = (samples - coarse[0, 40]).abs() < 1 / 63
     assert near.sum() > 120
 
 
 def test_no_gradient_flows_through_where_samples_lie():
     shares = torch.rand(2, 8, requires_grad=True)
-    found = refined(
+    samples = refined(
         evenly_spaced(0.0, 1.0, 2, 8, torch.device("cpu")), shares, torch.linspace(0, 1, 4).expand(2, -1)
     )
-    assert not found.requires_grad
+    assert not samples.requires_grad

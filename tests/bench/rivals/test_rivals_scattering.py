@@ -58,33 +58,35 @@ def coloured_views(count: int = 3, held_out: int = 1, size: tuple[int, int] = (6
     generator = np.random.default_rng(0)
     rgba = np.ones((count, *size, 4), dtype=np.float16)
     rgba[: count - held_out, ..., :3] = generator.random((count - held_out, *size, 3))
-    kept = np.arange(count) >= count - held_out
+    mask = np.arange(count) >= count - held_out
     poses = look_at(uniform_on_sphere(count, 2.5, generator))
     lights = uniform_on_sphere(count, 1.0, generator)
     arrays = {
         "rgba": Array(rgba, ("view", "y", "x", "channel"), "1", "radiance"),
         "camera_to_world": Array(poses, ("view", "row", "column"), "1", "pose"),
         "light_position": Array(lights, ("view", "axis"), "1", "light"),
-        "held_out": Array(kept, ("view",), "1", "held out"),
+        "held_out": Array(mask, ("view",), "1", "held out"),
     }
     return Product(arrays, {"field_of_view_deg": 39.6, "camera_radius": 2.5})
 
 
 def test_the_networks_have_the_published_shape():
     layers = [63, 256, 256, 256, 256, 256 + 63, 256, 256]
-    one = sum(entering * 256 + 256 for entering in layers) + 257 + 256 * 257 + 128 * (256 + 54 + 1) + 3 * 129
+    count = (
+        sum(entering * 256 + 256 for entering in layers) + 257 + 256 * 257 + 128 * (256 + 54 + 1) + 3 * 129
+    )
     coarse, fine = ScatteringNetwork(), ScatteringNetwork()
-    assert ScatteringFunction(coarse, fine, 2.5).parameters == 2 * one
+    assert ScatteringFunction(coarse, fine, 2.5).parameters == 2 * count
     assert [layer.in_features for layer in coarse.hidden] == layers
 
 
 def test_positions_carry_ten_octaves_and_directions_four():
     value = torch.tensor([[0.3, -0.2, 0.1]], dtype=torch.float64)
-    found = encode(value, 10)
-    assert found.shape == (1, 63)
+    encoding = encode(value, 10)
+    assert encoding.shape == (1, 63)
     assert encode(value, 4).shape == (1, 27)
-    np.testing.assert_allclose(found[0, -6:-3], np.sin(512 * value[0]), atol=1e-12)
-    np.testing.assert_allclose(found[0, -3:], np.cos(512 * value[0]), atol=1e-12)
+    np.testing.assert_allclose(encoding[0, -6:-3], np.sin(512 * value[0]), atol=1e-12)
+    np.testing.assert_allclose(encoding[0, -3:], np.cos(512 * value[0]), atol=1e-12)
 
 
 def test_an_opaque_ball_has_its_disc_and_its_colour():
@@ -124,7 +126,7 @@ def test_pixels_drawn_are_those_of_training_views_with_their_rays_and_lights():
     origins, directions, lights, colours = (
         part.numpy() for part in pixels.draw(400, np.random.default_rng(1), torch.device("cpu"))
     )
-    seen = set()
+    indices = set()
     for index in range(3):
         camera = views["camera_to_world"][index]
         expected = pixel_rays(camera, np.arange(48), np.array([[0.5, 0.5]]), (6, 8), 39.6)[1]
@@ -136,8 +138,8 @@ def test_pixels_drawn_are_those_of_training_views_with_their_rays_and_lights():
         np.testing.assert_allclose(
             lights[own], np.tile(views["light_position"][index], (len(own), 1)), atol=1e-6
         )
-        seen |= set(own)
-    assert len(seen) == 400
+        indices |= set(own)
+    assert len(indices) == 400
 
 
 def test_a_fit_learns_and_is_repeated_by_its_seed():
@@ -150,8 +152,8 @@ def test_a_fit_learns_and_is_repeated_by_its_seed():
     fitted, again = (fit_scattering_function(dark, steps=14, batch_rays=8, seed=5) for _ in range(2))
     assert fitted.training.losses[-1] < 0.7 * fitted.training.losses[0]
     np.testing.assert_array_equal(again.training.losses, fitted.training.losses)
-    for own, other in zip(fitted.fine.parameters(), again.fine.parameters(), strict=True):
-        torch.testing.assert_close(own, other, rtol=0, atol=0)
+    for first, second in zip(fitted.fine.parameters(), again.fine.parameters(), strict=True):
+        torch.testing.assert_close(first, second, rtol=0, atol=0)
     another = fit_scattering_function(dark, steps=14, batch_rays=8, seed=6)
     assert not np.array_equal(another.training.losses, fitted.training.losses)
 

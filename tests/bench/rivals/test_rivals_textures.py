@@ -49,10 +49,10 @@ def test_a_texel_has_its_colour_at_its_centre_and_the_mean_between_two():
     places = np.array([[u, v], [u + 0.5 / 8, v], [u, v - 0.5 / 4]])
     # Barycentric weights outside the triangle reach the coordinates all the same.
     weights = np.column_stack([1 - places.sum(axis=1), places])
-    found = texture_colours(triangle(texture), np.zeros(3, dtype=int), weights)
+    colours = texture_colours(triangle(texture), np.zeros(3, dtype=int), weights)
     stored = texture[..., :3] / 255.0
     expected = [stored[1, 2], (stored[1, 2] + stored[1, 3]) / 2, (stored[1, 2] + stored[2, 2]) / 2]
-    np.testing.assert_allclose(found, srgb_decode(np.array(expected)), atol=1e-6)
+    np.testing.assert_allclose(colours, srgb_decode(np.array(expected)), atol=1e-6)
 
 
 @given(
@@ -71,14 +71,14 @@ def test_textures_repeat_outside_the_unit_square(right, up, u, v):
 
 def test_several_textures_are_told_apart():
     mesh = cube()
-    other = np.full((1, 1, 4), 128, dtype=np.uint8)
+    grey = np.full((1, 1, 4), 128, dtype=np.uint8)
     chosen = np.arange(len(mesh.faces), dtype=np.int32) % 2
-    both = TexturedMesh(mesh.vertices, mesh.faces, mesh.texture_coordinates, (*mesh.textures, other), chosen)
+    both = TexturedMesh(mesh.vertices, mesh.faces, mesh.texture_coordinates, (*mesh.textures, grey), chosen)
     middle = np.full((len(mesh.faces), 3), 1 / 3)
-    found = texture_colours(both, np.arange(len(mesh.faces)), middle)
+    colours = texture_colours(both, np.arange(len(mesh.faces)), middle)
     alone = texture_colours(mesh, np.arange(len(mesh.faces)), middle)
-    np.testing.assert_array_equal(found[chosen == 0], alone[chosen == 0])
-    np.testing.assert_allclose(found[chosen == 1], srgb_decode(np.array(128 / 255)), atol=1e-6)
+    np.testing.assert_array_equal(colours[chosen == 0], alone[chosen == 0])
+    np.testing.assert_allclose(colours[chosen == 1], srgb_decode(np.array(128 / 255)), atol=1e-6)
 
 
 @pytest.mark.parametrize("shading", ["lambert", "shadowed lambert"])

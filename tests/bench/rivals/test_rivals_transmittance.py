@@ -30,8 +30,8 @@ def uniform(extinction: float, length: float, samples: int) -> torch.Tensor:
     return torch.full((samples,), extinction * length / samples, dtype=torch.float32)
 
 
-def relative(found: torch.Tensor, truth: float) -> float:
-    return abs(float(found.double()) / truth - 1)
+def relative(value: torch.Tensor, truth: float) -> float:
+    return abs(float(value.double()) / truth - 1)
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_the_gradient_through_a_thick_medium_is_its_length_or_nan():
 
 def test_a_density_that_is_too_thick_everywhere_still_learns_from_light_that_should_pass():
     """Matching log T by gradient steps: the stable form arrives, the product never moves or is lost."""
-    found = {}
+    results = {}
     for name, form in (
         ("stable", lambda depths: log_transmittance(depths)[-1]),
         ("product", lambda depths: torch.log(transmittance_by_product(depths)[-1])),
@@ -89,9 +89,9 @@ def test_a_density_that_is_too_thick_everywhere_still_learns_from_light_that_sho
             loss = (form(extinction) + 8.0).square()
             (gradient,) = torch.autograd.grad(loss, extinction)
             extinction = (extinction - 0.02 * gradient).detach().clamp(min=0).requires_grad_()
-        found[name] = float(form(extinction).detach())
-    assert found["stable"] == pytest.approx(-8.0, abs=1e-3)
-    assert not abs(found["product"] + 8.0) < 1
+        results[name] = float(form(extinction).detach())
+    assert results["stable"] == pytest.approx(-8.0, abs=1e-3)
+    assert not abs(results["product"] + 8.0) < 1
 
 
 @given(DEPTHS)
@@ -120,9 +120,9 @@ def test_every_ray_gives_its_light_to_its_samples_and_to_what_lies_behind(depths
 
 def test_an_endless_last_interval_takes_all_that_is_left_and_none_where_it_is_empty():
     depths = torch.tensor([[0.5, 1e10 * 0.3], [0.5, 0.0]], requires_grad=True)
-    found = weights(depths)
-    assert found[0].detach().tolist() == pytest.approx([1 - np.exp(-0.5), np.exp(-0.5)])
-    assert found[1].detach().tolist() == pytest.approx([1 - np.exp(-0.5), 0.0])
-    found.sum().backward()
+    shares = weights(depths)
+    assert shares[0].detach().tolist() == pytest.approx([1 - np.exp(-0.5), np.exp(-0.5)])
+    assert shares[1].detach().tolist() == pytest.approx([1 - np.exp(-0.5), 0.0])
+    shares.sum().backward()
     assert depths.grad is not None
     assert torch.isfinite(depths.grad).all()

@@ -65,7 +65,7 @@ def test_the_element_is_exact_for_linear_fields_and_mass() -> None:
 def test_errors_of_the_cube_fall_by_four_when_the_edge_halves() -> None:
     """Free cube, nu 0.3: 2.85608 twice and 3.84599 three times, by a Ritz method; 2.85608 is below."""
     side, poisson = 0.1, material(poisson_ratio=0.3)
-    known = np.array([2.85608, 2.85608, 3.84599, 3.84599, 3.84599, 3.91127, 3.91127, 3.91127])
+    reference = np.array([2.85608, 2.85608, 3.84599, 3.84599, 3.84599, 3.91127, 3.91127, 3.91127])
     errors = []
     for resolution in (5, 10):
         limit_hz = 5 * poisson.shear_speed_m_s / side / (2 * np.pi)
@@ -73,7 +73,7 @@ def test_errors_of_the_cube_fall_by_four_when_the_edge_halves() -> None:
             box((side, side, side)), poisson, resolution=resolution, max_frequency_hz=limit_hz
         )
         eta = np.sqrt(modes.eigenvalues[:8]) * side / poisson.shear_speed_m_s
-        errors.append(eta / known - 1)
+        errors.append(eta / reference - 1)
     assert np.all(errors[1] > 0)
     assert np.all(errors[1] < 0.03)
     np.testing.assert_allclose(errors[0] / errors[1], 4, rtol=0.1)
@@ -123,17 +123,17 @@ def test_all_modes_below_the_limit_are_there_or_it_is_said() -> None:
 
 
 def test_cubes_joined_by_an_edge_alone_are_two_bodies() -> None:
-    one = voxel_modes(box((0.05, 0.05, 0.05)), CERAMIC, resolution=4, max_frequency_hz=8e4)
+    body = voxel_modes(box((0.05, 0.05, 0.05)), CERAMIC, resolution=4, max_frequency_hz=8e4)
     pair = voxel_modes(
         together(box((0.05, 0.05, 0.05)), box((0.05, 0.05, 0.05), (0.05, 0.05, 0))),
         CERAMIC,
         resolution=8,
         max_frequency_hz=8e4,
     )
-    assert one.components == 1
+    assert body.components == 1
     assert pair.components == 2
-    assert len(one.eigenvalues) > 4
-    np.testing.assert_allclose(pair.eigenvalues, np.repeat(one.eigenvalues, 2), rtol=1e-9)
+    assert len(body.eigenvalues) > 4
+    np.testing.assert_allclose(pair.eigenvalues, np.repeat(body.eigenvalues, 2), rtol=1e-9)
 
 
 def test_a_small_cube_has_no_audible_mode() -> None:

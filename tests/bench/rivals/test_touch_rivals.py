@@ -80,11 +80,11 @@ def test_a_seed_gives_the_same_network_and_batches_do_not_matter(touches: Produc
         torch.manual_seed(np.random.default_rng().integers(2**31))  # nothing outside has a say
         return fit_touch_network(name, touches, steps=3, batch_pixels=64, seed=seed)
 
-    once, again, other = fitted(0), fitted(0), fitted(1)
+    once, again, variant = fitted(0), fitted(0), fitted(1)
     points, depth, tilt, azimuth = asked(touches)
     both = once.render(points, depth, tilt, azimuth)
     assert np.array_equal(both, again.render(points, depth, tilt, azimuth))
-    assert not np.array_equal(once.training.losses, other.training.losses)
+    assert not np.array_equal(once.training.losses, variant.training.losses)
     for index in range(len(points)):
         part = slice(index, index + 1)
         alone = once.render(points[part], depth[part], tilt[part], azimuth[part])
@@ -128,8 +128,8 @@ def test_a_gel_pushed_in_evenly_is_a_gel_that_stands_nearer() -> None:
     sensor, push = Sensor(), 0.008
     x, y, z = sensor.gel_apex_m
     nearer = no_contact_image(replace(sensor, gel_apex_m=(x - push, y, z)), 1).astype(int)
-    drawn = render_deformation(sensor, np.full((160, 120), push)).astype(int)
-    assert np.abs(drawn - nearer)[1:-1, 1:-1].max() <= 1
+    image = render_deformation(sensor, np.full((160, 120), push)).astype(int)
+    assert np.abs(image - nearer)[1:-1, 1:-1].max() <= 1
     assert np.abs(nearer - no_contact_image(sensor, 1)).max() > 10
 
 
