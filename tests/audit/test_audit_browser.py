@@ -45,8 +45,8 @@ def test_axe_finds_nothing_in_an_audit(page_of_audit, open_page, scheme):
     assert "cup" in watched.page.inner_text("body")
     watched.page.evaluate("for (const details of document.querySelectorAll('details')) details.open = true")
     watched.page.add_script_tag(path=str(AXE))
-    found = watched.page.evaluate("axe.run().then(result => result.violations)")
-    assert [(rule["id"], rule["nodes"][0]["html"]) for rule in found] == []
+    violations = watched.page.evaluate("axe.run().then(result => result.violations)")
+    assert [(rule["id"], rule["nodes"][0]["html"]) for rule in violations] == []
 
 
 def test_an_audit_fits_a_phone_and_asks_for_nothing(page_of_audit, open_page):

@@ -163,13 +163,17 @@ def test_not_a_data_set(run, tmp_path, monkeypatch):
 
 def test_json_has_everything(run):
     _, out, _ = run("audit", "HEAD~1", "HEAD", "--json", "--max-loss", "vision.psnr_db=0.5")
-    found = json.loads(out)
-    states = {one["object_id"]: one["state"] for one in found["objects"]}
+    report = json.loads(out)
+    states = {entry["object_id"]: entry["state"] for entry in report["objects"]}
     assert states == {"cup": "unchanged", "dish": "changed"}
-    (one,) = found["exceeded"]
-    assert (one["object_id"], one["measure"], round(one["loss"], 9)) == ("dish", "vision.psnr_db", 1.5)
-    assert found["fetch"]["files"] == 1
-    assert found["fetch"]["unknown"] == 0
+    (excess,) = report["exceeded"]
+    assert (excess["object_id"], excess["measure"], round(excess["loss"], 9)) == (
+        "dish",
+        "vision.psnr_db",
+        1.5,
+    )
+    assert report["fetch"]["files"] == 1
+    assert report["fetch"]["unknown"] == 0
 
 
 def test_page_escapes_what_strangers_wrote(run, tmp_path):
@@ -321,9 +325,9 @@ def test_verify_says_what_is_wrong_by_its_status(run, made):
 
 
 def test_measure_that_is_lost_is_an_infinite_loss():
-    (found,) = changes("cup", {"vision": {"psnr_db": 40.0}}, {"vision": {}})
-    assert math.isinf(found.loss)
-    assert exceeded([found], {"vision.psnr_db": 100.0}) == [found]
+    (change,) = changes("cup", {"vision": {"psnr_db": 40.0}}, {"vision": {}})
+    assert math.isinf(change.loss)
+    assert exceeded([change], {"vision.psnr_db": 100.0}) == [change]
     (gone,) = changes("cup", {"vision": {"psnr_db": 40.0}}, None)
     assert math.isinf(gone.loss)
 
@@ -331,8 +335,8 @@ def test_measure_that_is_lost_is_an_infinite_loss():
 def test_worst_first_compares_what_people_notice():
     before = {"vision": {"psnr_db": 40.0, "ssim": 0.99}, "audio": {"gain_error_db": -40.0}}
     after = {"vision": {"psnr_db": 39.5, "ssim": 0.97}, "audio": {"gain_error_db": -45.0}}
-    found = [one.measure for one in worst_first(changes("cup", before, after))]
-    assert found == ["vision.ssim", "vision.psnr_db", "audio.gain_error_db"]
+    measures = [change.measure for change in worst_first(changes("cup", before, after))]
+    assert measures == ["vision.ssim", "vision.psnr_db", "audio.gain_error_db"]
 
 
 def test_every_measure_has_a_weight():

@@ -62,23 +62,27 @@ def audit_of_change(workshop):
 
 def told(audit, object_id):
     """Kind and name of every reason of an object that is no consequence."""
-    return {(one.kind, one.name) for one in only(audit, object_id).roots}
+    return {(reason.kind, reason.name) for reason in only(audit, object_id).roots}
 
 
 def stages_of(audit, object_id):
     """Stages that changed for reasons of their own, and those that only follow."""
-    (group,) = (one for one in groups(audit) if object_id in [changed.object_id for changed in one.objects])
+    (group,) = (
+        candidate
+        for candidate in groups(audit)
+        if object_id in [changed.object_id for changed in candidate.objects]
+    )
     return set(group.direct), set(group.behind)
 
 
 def sentences(audit, object_id):
-    return [str(one) for one in only(audit, object_id).roots]
+    return [str(reason) for reason in only(audit, object_id).roots]
 
 
 def reasons_by_stage(audit, object_id):
     """What each stage that changed says, but for consequences."""
     return {
-        change.stage: {(one.kind, one.name) for one in change.reasons if one.kind != UPSTREAM}
+        change.stage: {(reason.kind, reason.name) for reason in change.reasons if reason.kind != UPSTREAM}
         for change in only(audit, object_id).stages
     }
 
@@ -116,16 +120,16 @@ def test_row_of_a_material(workshop):
     workshop.edit("data/materials.csv", ",60,2e-6,0.7,0,", ",61,2e-6,0.6,0,")
     workshop.edit("data/materials.csv", "isotropic; roughness: ours", "isotropic; roughness: guessed")
     workshop.edit("data/materials.csv", ',0.005,0,"chip board', ',0.006,0,"chipboard')
-    found = audit_of_change(workshop)
-    assert states(found) == {"cup": State.UNCHANGED, "dish": State.CHANGED, "spoon": State.CHANGED}
+    audit = audit_of_change(workshop)
+    assert states(audit) == {"cup": State.UNCHANGED, "dish": State.CHANGED, "spoon": State.CHANGED}
     sound = {(ROW, f"wood.{name}") for name in ("density_kg_m3", "rayleigh_alpha_per_s", "loss_factor")}
     for object_id in ("dish", "spoon"):
-        stages = reasons_by_stage(found, object_id)
+        stages = reasons_by_stage(audit, object_id)
         assert stages["views"] == {(ROW, "wood.roughness")}
         assert stages["modes"] == sound
         assert stages["fidelity"] >= sound | {(ROW, "wood.citation"), (ROW, "wood.loss_citation")}
-        assert "material row wood.density_kg_m3 750.0 -> 760.0" in sentences(found, object_id)
-    assert len(groups(found)) == 1
+        assert "material row wood.density_kg_m3 750.0 -> 760.0" in sentences(audit, object_id)
+    assert len(groups(audit)) == 1
 
 
 PARAMETERS = [
@@ -143,10 +147,10 @@ PARAMETERS = [
 def test_parameters_each_of_the_stage_that_reads_it(workshop):
     for old, new, _, _ in PARAMETERS:
         workshop.edit("params.yaml", old, new)
-    found = audit_of_change(workshop)
-    assert set(states(found).values()) == {State.CHANGED}
+    audit = audit_of_change(workshop)
+    assert set(states(audit).values()) == {State.CHANGED}
     for object_id in IDS:
-        stages = reasons_by_stage(found, object_id)
+        stages = reasons_by_stage(audit, object_id)
         assert stages.pop("fidelity") == set()
         assert stages == {
             stage: {(PARAMETER, name) for _, _, name, reader in PARAMETERS if reader == stage}
@@ -156,20 +160,20 @@ def test_parameters_each_of_the_stage_that_reads_it(workshop):
 
 def test_parameter_says_old_and_new(workshop):
     workshop.edit("params.yaml", "accuracy_cents: 5.0", "accuracy_cents: 6.0")
-    found = audit_of_change(workshop)
-    (reason,) = only(found, "cup").roots
+    audit = audit_of_change(workshop)
+    (reason,) = only(audit, "cup").roots
     assert (reason.kind, reason.name, reason.old, reason.new) == (PARAMETER, "audio.accuracy_cents", 5.0, 6.0)
-    assert stages_of(found, "cup") == ({"modes"}, {"encode", "fidelity"})
-    (encode,) = (one for one in only(found, "cup").stages if one.stage == "encode")
-    assert [(one.kind, one.name) for one in encode.reasons] == [(UPSTREAM, "modes")]
+    assert stages_of(audit, "cup") == ({"modes"}, {"encode", "fidelity"})
+    (encode,) = (change for change in only(audit, "cup").stages if change.stage == "encode")
+    assert [(consequence.kind, consequence.name) for consequence in encode.reasons] == [(UPSTREAM, "modes")]
 
 
 def test_seed(workshop):
     workshop.edit("params.yaml", "\nseed: 0", "\nseed: 1")
-    found = audit_of_change(workshop)
+    audit = audit_of_change(workshop)
     for object_id in IDS:
-        assert told(found, object_id) == {(SEED, "")}
-        assert sentences(found, object_id) == ["seed 0 -> 1"]
+        assert told(audit, object_id) == {(SEED, "")}
+        assert sentences(audit, object_id) == ["seed 0 -> 1"]
 
 
 CODE_EDITS = {
@@ -198,23 +202,23 @@ def test_version_of_a_package(workshop, tmp_path, monkeypatch):
     for cache in caches:
         cache.cache_clear()
     try:
-        found = audit_of_change(workshop)
+        audit = audit_of_change(workshop)
     finally:
         for cache in caches:
             cache.cache_clear()
-    assert told(found, "cup") == {(PACKAGE, "torch")}
-    assert sentences(found, "cup") == [f"package torch {before} -> 99.9"]
+    assert told(audit, "cup") == {(PACKAGE, "torch")}
+    assert sentences(audit, "cup") == [f"package torch {before} -> 99.9"]
 
 
 def test_mesh_file_that_says_the_same_in_other_bytes(workshop):
     workshop.write("cup.obj", "# exported again\nv 0 0 0\n")
-    found = audit_of_change(workshop)
-    assert sentences(found, "cup") == ["mesh changed (the file only: geometry and texture are the same)"]
-    assert stages_of(found, "cup") == ({"objects"}, set())
+    audit = audit_of_change(workshop)
+    assert sentences(audit, "cup") == ["mesh changed (the file only: geometry and texture are the same)"]
+    assert stages_of(audit, "cup") == ({"objects"}, set())
 
 
 def test_normals_of_a_mesh():
-    old, new = ({"geometry": "a", "texture": "b", "normals": one} for one in "cd")
+    old, new = ({"geometry": "a", "texture": "b", "normals": digest} for digest in "cd")
     reason = _source("mesh", "x", "y", Circumstances(digests=(old, new)))
     assert (reason.kind, reason.note) == (MESH, "its normals only: geometry and texture are the same")
 
@@ -222,30 +226,30 @@ def test_normals_of_a_mesh():
 def test_object_removed_and_another_added(workshop):
     workshop.table.remove(workshop.row("cup"))
     workshop.add("ewer", "glass")
-    found = audit_of_change(workshop)
-    assert states(found) == {
+    audit = audit_of_change(workshop)
+    assert states(audit) == {
         "cup": State.REMOVED,
         "dish": State.UNCHANGED,
         "ewer": State.ADDED,
         "spoon": State.UNCHANGED,
     }
-    assert {one.object_id for one in exceeded(found.fidelity, {"vision.psnr_db": 100.0})} == {"cup"}
+    assert {change.object_id for change in exceeded(audit.fidelity, {"vision.psnr_db": 100.0})} == {"cup"}
 
 
 def test_object_renamed(workshop):
     workshop.row("cup")["id"] = "beaker"
     workshop.save()
-    found = audit_of_change(workshop)
-    assert states(found) == {"beaker": State.RENAMED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
-    assert only(found, "beaker").was == "cup"
-    assert set(sentences(found, "beaker")) == {"seed (drawn from the id)", "record name cup -> beaker"}
+    audit = audit_of_change(workshop)
+    assert states(audit) == {"beaker": State.RENAMED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
+    assert only(audit, "beaker").was == "cup"
+    assert set(sentences(audit, "beaker")) == {"seed (drawn from the id)", "record name cup -> beaker"}
 
 
 def test_object_renamed_and_changed(workshop):
     workshop.row("cup").update(id="beaker", licence="CC BY 4.0")
     workshop.save()
-    found = audit_of_change(workshop)
-    assert told(found, "beaker") == {(SEED, ""), (RECORD, "name"), (RECORD, "licence")}
+    audit = audit_of_change(workshop)
+    assert told(audit, "beaker") == {(SEED, ""), (RECORD, "name"), (RECORD, "licence")}
 
 
 def test_two_of_one_mesh_renamed_are_told_apart_by_material(workshop):
@@ -254,17 +258,17 @@ def test_two_of_one_mesh_renamed_are_told_apart_by_material(workshop):
     before = workshop.version("two more")
     workshop.row("a")["id"], workshop.row("b")["id"] = "y", "x"
     workshop.save()
-    found = workshop.audit(before, workshop.version("renamed"))
-    assert (only(found, "x").was, only(found, "y").was) == ("b", "a")
+    audit = workshop.audit(before, workshop.version("renamed"))
+    assert (only(audit, "x").was, only(audit, "y").was) == ("b", "a")
 
 
 def test_object_failed_and_mended(workshop):
     workshop.write("cup.obj", "poison")
     failed = workshop.version("poisoned")
-    found = workshop.audit(workshop.first, failed)
-    assert states(found) == {"cup": State.FAILED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
-    assert only(found, "cup").failure.stage == "objects"
-    assert "no mesh" in only(found, "cup").failure.error
+    audit = workshop.audit(workshop.first, failed)
+    assert states(audit) == {"cup": State.FAILED, "dish": State.UNCHANGED, "spoon": State.UNCHANGED}
+    assert only(audit, "cup").failure.stage == "objects"
+    assert "no mesh" in only(audit, "cup").failure.error
     assert "no mesh" in only(workshop.audit(workshop.first), "cup").failure.error
     assert only(workshop.audit(failed, failed), "cup").state == State.STILL_FAILED
     workshop.write("cup.obj", "v 0 0 0\n")
@@ -283,9 +287,9 @@ def test_object_that_was_not_selected_did_not_fail(workshop):
 def test_object_that_the_table_refuses(workshop):
     workshop.row("cup")["material"] = "unobtainium"
     workshop.save()
-    found = audit_of_change(workshop)
-    assert only(found, "cup").state == State.FAILED
-    assert "unobtainium" in only(found, "cup").failure.error
+    audit = audit_of_change(workshop)
+    assert only(audit, "cup").state == State.FAILED
+    assert "unobtainium" in only(audit, "cup").failure.error
 
 
 def test_corrupted_array(workshop):
@@ -295,10 +299,10 @@ def test_corrupted_array(workshop):
     data = bytearray(path.read_bytes())
     data[entry.header_offset + 30 + len(entry.filename) + 20] ^= 4
     path.write_bytes(data)
-    found = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
-    assert told(found, "cup") == {(CORRUPTED, "")}
-    assert "the later one" in sentences(found, "cup")[0]
-    assert states(found)["dish"] == State.UNCHANGED
+    audit = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
+    assert told(audit, "cup") == {(CORRUPTED, "")}
+    assert "the later one" in sentences(audit, "cup")[0]
+    assert states(audit)["dish"] == State.UNCHANGED
 
 
 # A flipped bit of the length of a name, in an entry's mark, and of how long what follows the name is.
@@ -316,11 +320,11 @@ def test_corrupted_list_of_entries(workshop, place, changed):
     damaged = workshop.version("damaged", make=False)
     for versions, which in (((first, damaged), "later"), ((damaged, first), "earlier")):
         for arrays in (False, True):
-            found = workshop.audit(*versions, arrays=arrays)
-            (views,) = (one for one in only(found, "cup").stages if one.stage == "views")
-            (reason,) = (one for one in views.reasons if one.kind == CORRUPTED)
+            audit = workshop.audit(*versions, arrays=arrays)
+            (views,) = (change for change in only(audit, "cup").stages if change.stage == "views")
+            (reason,) = (cause for cause in views.reasons if cause.kind == CORRUPTED)
             assert f"the {which} one" in reason.note
-            assert ((MATERIAL, "") in told(found, "cup")) == changed
+            assert ((MATERIAL, "") in told(audit, "cup")) == changed
 
 
 @pytest.mark.parametrize("kind", [VIEWS, OBJECT_FILES], ids=lambda kind: kind.name)
@@ -329,9 +333,9 @@ def test_corrupted_attributes(workshop, kind):
     data = path.read_bytes()
     place = data.index(b"fingerprint") + 20  # within its digits
     path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
-    found = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
-    assert {kind for kind, _ in told(found, "cup")} <= {CORRUPTED, MISLABELLED, BYTES}
-    assert any(kind in reasons.DEFECTS for kind, _ in told(found, "cup"))
+    audit = workshop.audit(workshop.first, workshop.version("corrupted", make=False))
+    assert {kind for kind, _ in told(audit, "cup")} <= {CORRUPTED, MISLABELLED, BYTES}
+    assert any(kind in reasons.DEFECTS for kind, _ in told(audit, "cup"))
 
 
 def rewritten(workshop, kind, object_id, **changes):
@@ -352,8 +356,8 @@ def test_product_that_is_not_what_its_fingerprint_says(workshop):
     parts = json.loads(json.dumps(parts))
     parts["parameters"]["touch"]["touches"] = 7
     rewritten(workshop, TOUCHES, "cup", attributes={"provenance": parts})
-    found = workshop.audit(workshop.first, workshop.version("edited", make=False))
-    assert (MISLABELLED, "") in told(found, "cup")
+    audit = workshop.audit(workshop.first, workshop.version("edited", make=False))
+    assert (MISLABELLED, "") in told(audit, "cup")
 
 
 def test_tolerance_declared_anew(workshop):
@@ -366,9 +370,9 @@ def test_tolerance_declared_anew(workshop):
         "cup",
         attributes={"provenance": {**attributes["provenance"], "tolerances": tolerances}},
     )
-    found = workshop.audit(workshop.first, workshop.version("tolerance", make=False))
-    assert told(found, "cup") == {(TOLERANCE, "rgba.rms")}
-    assert sentences(found, "cup") == ["tolerance rgba.rms 1e-05 -> 0.001"]
+    audit = workshop.audit(workshop.first, workshop.version("tolerance", make=False))
+    assert told(audit, "cup") == {(TOLERANCE, "rgba.rms")}
+    assert sentences(audit, "cup") == ["tolerance rgba.rms 1e-05 -> 0.001"]
 
 
 def test_tolerances_not_stored_before(workshop):
@@ -376,16 +380,16 @@ def test_tolerances_not_stored_before(workshop):
     parts = {key: part for key, part in attributes["provenance"].items() if key != "tolerances"}
     rewritten(workshop, VIEWS, "cup", attributes={"provenance": parts})
     old = workshop.version("old", make=False)
-    found = workshop.audit(old, workshop.first)
-    assert sentences(found, "cup") == ["tolerance (stored in one of the two only)"]
+    audit = workshop.audit(old, workshop.first)
+    assert sentences(audit, "cup") == ["tolerance (stored in one of the two only)"]
 
 
 def test_made_from_the_same_and_yet_of_other_values(workshop):
     values = read_product(TOUCHES.path(workshop.root, "cup"))["values"]
     rewritten(workshop, TOUCHES, "cup", values=values + 1)
-    found = workshop.audit(workshop.first, workshop.version("elsewhere", make=False))
-    assert told(found, "cup") == {(BYTES, "")}
-    assert "beyond tolerance: values" in sentences(found, "cup")[0]
+    audit = workshop.audit(workshop.first, workshop.version("elsewhere", make=False))
+    assert told(audit, "cup") == {(BYTES, "")}
+    assert "beyond tolerance: values" in sentences(audit, "cup")[0]
 
 
 def test_made_on_another_machine_within_tolerance(workshop):
@@ -398,6 +402,6 @@ def test_made_on_another_machine_within_tolerance(workshop):
     near = Array(np.array([100.0, 200.001, 300.0]), ("value",), "Hz", "toy")
     path.unlink()
     write_product(path, Product({"frequencies_hz": near}, product.attributes))
-    found = workshop.audit(first, workshop.version("there", make=False))
-    assert told(found, "cup") == {(BYTES, "")}
-    assert "1 arrays within tolerance" in sentences(found, "cup")[0]
+    audit = workshop.audit(first, workshop.version("there", make=False))
+    assert told(audit, "cup") == {(BYTES, "")}
+    assert "1 arrays within tolerance" in sentences(audit, "cup")[0]

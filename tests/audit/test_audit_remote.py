@@ -46,13 +46,15 @@ def far(tmp_path_factory):
 
 
 def test_versions_that_are_far_compare_as_those_at_hand(far):
-    found = far.audit("HEAD~1", "HEAD")
-    assert states(found) == {"cup": State.CHANGED, "dish": State.CHANGED}
-    assert [str(one) for one in only(found, "cup").roots] == ["parameter audio.accuracy_cents 5.0 -> 6.0"]
-    assert found.problems == ()
-    assert found.fetch.files > 0
-    assert found.fetch.unknown == 0
-    assert found.fetch.bytes > 0
+    audit = far.audit("HEAD~1", "HEAD")
+    assert states(audit) == {"cup": State.CHANGED, "dish": State.CHANGED}
+    assert [str(reason) for reason in only(audit, "cup").roots] == [
+        "parameter audio.accuracy_cents 5.0 -> 6.0"
+    ]
+    assert audit.problems == ()
+    assert audit.fetch.files > 0
+    assert audit.fetch.unknown == 0
+    assert audit.fetch.bytes > 0
     # Nothing but descriptions came: the cache has no content.
     came = [path for path in (far.root / ".dvc/cache").rglob("*") if path.is_file()]
     assert [path for path in came if path.suffix != ".dir"] == []
@@ -72,7 +74,7 @@ def test_descriptions_are_fetched_once(far, monkeypatch):
     fetched = []
     fetch = Contents._describe_far
     monkeypatch.setattr(
-        Contents, "_describe_far", lambda self, one: fetched.append(one.where) or fetch(self, one)
+        Contents, "_describe_far", lambda self, content: fetched.append(content.where) or fetch(self, content)
     )
     for _ in range(2):
         with Contents(far.root) as contents:
@@ -91,15 +93,15 @@ def test_cache_that_is_damaged_costs_time_only(far, cached):
 
 @pytest.mark.slow
 def test_arrays_of_what_is_far_are_read(far):
-    found = far.audit("HEAD~1", "HEAD", arrays=True)
-    assert found.arrays_read
-    stages = {one.stage: one.arrays for one in only(found, "cup").stages}
+    audit = far.audit("HEAD~1", "HEAD", arrays=True)
+    assert audit.arrays_read
+    stages = {change.stage: change.arrays for change in only(audit, "cup").stages}
     # The toys' values do not follow from this parameter.
     assert stages["modes"].verdicts == {"values": "equal", "attributes/warnings": "equal"}
     # Tensors carry no checksums: verdicts on them come from reading alone.
     assert stages["encode"].verdicts == {"weights": "equal", "attributes/format": "equal"}
-    assert {one.unread for one in stages.values()} == {0}
-    without = {one.stage: one.arrays for one in only(far.audit("HEAD~1", "HEAD"), "cup").stages}
+    assert {comparison.unread for comparison in stages.values()} == {0}
+    without = {change.stage: change.arrays for change in only(far.audit("HEAD~1", "HEAD"), "cup").stages}
     assert (without["encode"].verdicts, without["encode"].unread) == ({}, 1)
 
 
@@ -111,10 +113,10 @@ def test_same_version_needs_nothing_but_lists(far, monkeypatch):
 
 def test_verification_reads_what_is_at_hand_and_names_the_rest(far):
     with Contents(far.root) as contents:
-        found = verify(contents, far.at(contents, "HEAD"), far.stages)
-    assert {one.kind for one in found.findings} == {MISSING}
-    assert all("if a remote has it" in one.remedy for one in found.findings)
-    assert len(found.findings) == 2 * 8
+        report = verify(contents, far.at(contents, "HEAD"), far.stages)
+    assert {finding.kind for finding in report.findings} == {MISSING}
+    assert all("if a remote has it" in finding.remedy for finding in report.findings)
+    assert len(report.findings) == 2 * 8
 
 
 def test_remote_that_is_not_there(far):
@@ -123,8 +125,8 @@ def test_remote_that_is_not_there(far):
     config.write_text(text.replace("/store\n", "/elsewhere\n"))
     shutil.rmtree(far.root / ".objectfolder", ignore_errors=True)
     try:
-        found = far.audit("HEAD~1", "HEAD")
-        assert any("not readable here" in one.finding for one in found.problems)
-        assert all(one.remedy for one in found.problems)
+        audit = far.audit("HEAD~1", "HEAD")
+        assert any("not readable here" in problem.finding for problem in audit.problems)
+        assert all(problem.remedy for problem in audit.problems)
     finally:
         config.write_text(text)

@@ -112,12 +112,12 @@ def test_objects_lie_in_more_than_one_partition(workshop):
 
 
 def test_an_audit_joins_the_partitions(workshop):
-    checkout, (whole, parted, glass) = workshop
-    audit = checkout.audit(whole, parted)
+    checkout, (whole, partitions, glass) = workshop
+    audit = checkout.audit(whole, partitions)
     assert set(states(audit).values()) == {"unchanged"}, "the same products in other folders"
     assert (audit.problems, audit.not_compared, audit.fetch.files) == ((), (), 0)
     changed, alone = (
-        checkout.audit(parted, glass, arrays=True),
+        checkout.audit(partitions, glass, arrays=True),
         checkout.audit(whole, glass, arrays=True),
     )
     assert states(changed) == {name: "changed" if name == "cup" else "unchanged" for name in MATERIALS}
@@ -169,8 +169,8 @@ def test_damage_in_a_partition_is_named_by_its_path(workshop):
 
 
 def test_single_objects_are_fetched_of_any_partition(workshop, tmp_path):
-    checkout, (_, parted, glass) = workshop
-    for revision in (parted, glass):
+    checkout, (_, partitions, glass) = workshop
+    for revision in (partitions, glass):
         got = list(single_objects.get(f"{checkout.root}@{revision}", ["cup", "dish"], tmp_path / revision))
         assert [(entry.object_id, entry.outcome) for entry in got] == [
             ("cup", "fetched"),

@@ -48,7 +48,7 @@ def found_in(workshop, revision=None):
 
 
 def told(workshop, revision=None):
-    return {(one.where, one.kind) for one in found_in(workshop, revision).findings}
+    return {(finding.where, finding.kind) for finding in found_in(workshop, revision).findings}
 
 
 def bit_of_a_chunk(path):
@@ -63,10 +63,10 @@ def product_files(workshop):
 
 def test_nothing_wrong(workshop):
     for revision in (None, "HEAD"):
-        found = found_in(workshop, revision)
-        assert found.findings == ()
-        assert found.files == 2 * 8 + 8  # products, and the lists of their folders
-        assert found.bytes > sum(path.stat().st_size for path in product_files(workshop))
+        report = found_in(workshop, revision)
+        assert report.findings == ()
+        assert report.files == 2 * 8 + 8  # products, and the lists of their folders
+        assert report.bytes > sum(path.stat().st_size for path in product_files(workshop))
 
 
 @pytest.mark.slow
@@ -83,11 +83,11 @@ def test_every_one_of_forty_flipped_bits_is_found(made):
             whole = place.read_bytes()
             flip(place, draw.randrange(8 * len(whole)))
             version = commit if in_cache else made.at(contents, None)
-            found = verify(contents, version, made.stages).findings
+            findings = verify(contents, version, made.stages).findings
             place.write_bytes(whole)
-            wheres = {one.where for one in found}
-            assert wheres == {path.relative_to(made.root).as_posix()}, (seed, found)
-            assert all(one.remedy for one in found)
+            wheres = {finding.where for finding in findings}
+            assert wheres == {path.relative_to(made.root).as_posix()}, (seed, findings)
+            assert all(finding.remedy for finding in findings)
     assert told(made) == told(made, "HEAD") == set()
 
 
@@ -102,12 +102,16 @@ def test_every_flipped_bit_of_a_real_object_file_is_found_without_any_list(made,
     with Contents(made.root) as contents:
         version = made.at(contents, None)
         assert DAMAGED not in {
-            one.kind for one in verify(contents, version, made.stages).findings if one.where == where
+            finding.kind
+            for finding in verify(contents, version, made.stages).findings
+            if finding.where == where
         }
         for seed in range(20):
             flip(made.root / where, random.Random(seed).randrange(8 * len(whole)))
-            found = {(one.where, one.kind) for one in verify(contents, version, made.stages).findings}
-            assert (where, DAMAGED) in found
+            defects = {
+                (finding.where, finding.kind) for finding in verify(contents, version, made.stages).findings
+            }
+            assert (where, DAMAGED) in defects
             (made.root / where).write_bytes(whole)
 
 
@@ -125,11 +129,11 @@ def test_remedy_names_where_a_good_copy_is(workshop):
     path = VIEWS.path(workshop.root, "cup")
     cached = workshop.in_cache(path)
     flip(path, bit_of_a_chunk(path))
-    (one,) = found_in(workshop).findings
-    assert one.remedy == "The cache has it: delete the file, then `dvc checkout data/views`."
+    (finding,) = found_in(workshop).findings
+    assert finding.remedy == "The cache has it: delete the file, then `dvc checkout data/views`."
     flip(cached, 8 * 100)
-    (one,) = found_in(workshop).findings
-    assert "in the cache is damaged, too" in one.remedy
+    (finding,) = found_in(workshop).findings
+    assert "in the cache is damaged, too" in finding.remedy
 
 
 def test_link_into_a_damaged_cache(workshop):
@@ -141,9 +145,9 @@ def test_link_into_a_damaged_cache(workshop):
     data = bytearray(path.read_bytes())
     data[bit // 8] ^= 1
     path.write_bytes(data)
-    (one,) = found_in(workshop).findings
-    assert (one.where, one.kind) == ("data/views/cup.zarr.zip", DAMAGED)
-    assert "damaged, too" in one.remedy
+    (finding,) = found_in(workshop).findings
+    assert (finding.where, finding.kind) == ("data/views/cup.zarr.zip", DAMAGED)
+    assert "damaged, too" in finding.remedy
 
 
 def test_file_missing_and_file_too_many(workshop):
@@ -154,9 +158,9 @@ def test_file_missing_and_file_too_many(workshop):
 
 def test_folder_that_was_never_checked_out(workshop):
     shutil.rmtree(workshop.root / "data/views")
-    found = found_in(workshop).findings
-    assert [(one.where, one.kind) for one in found] == [("data/views", MISSING)]
-    assert "dvc checkout data/views" in found[0].remedy
+    findings = found_in(workshop).findings
+    assert [(finding.where, finding.kind) for finding in findings] == [("data/views", MISSING)]
+    assert "dvc checkout data/views" in findings[0].remedy
 
 
 def test_list_of_a_folder_damaged_in_the_cache(workshop):
@@ -173,8 +177,8 @@ def test_list_of_a_folder_damaged_in_the_cache(workshop):
 
 def test_content_that_is_nowhere(workshop):
     workshop.in_cache(VIEWS.path(workshop.root, "cup")).unlink()
-    (one,) = found_in(workshop, "HEAD").findings
-    assert (one.where, one.kind) == ("data/views/cup.zarr.zip", MISSING)
+    (finding,) = found_in(workshop, "HEAD").findings
+    assert (finding.where, finding.kind) == ("data/views/cup.zarr.zip", MISSING)
 
 
 def test_product_whose_parts_were_edited(workshop):
@@ -212,14 +216,14 @@ def test_hostile_archives(workshop):
     with zipfile.ZipFile(deep, "w") as archive:
         archive.writestr("zarr.json", b'{"attributes": ' + b'{"a": ' * 200_000 + b"1" + b"}" * 200_001)
     assert {(f"data/{name}/cup.zarr.zip", DAMAGED) for name in ("views", "modes", "touches")} == {
-        one for one in told(workshop) if one[1] == DAMAGED
+        defect for defect in told(workshop) if defect[1] == DAMAGED
     }
-    found = workshop.audit("HEAD")
+    audit = workshop.audit("HEAD")
     defects = {
-        (stage.stage, one.kind)
-        for change in found.objects
+        (stage.stage, reason.kind)
+        for change in audit.objects
         for stage in change.stages
-        for one in stage.reasons
+        for reason in stage.reasons
     }
     # The second one's attributes can be read; they do not say what it was made from.
     assert defects == {("views", CORRUPTED), ("modes", SAYS_ANOTHER), ("touches", CORRUPTED)}
@@ -234,8 +238,8 @@ def remade(workshop, *names, revision=None):
     """Make products of some stages again."""
     stages = [stage for stage in workshop.stages if stage.name in names]
     with Contents(workshop.root) as contents:
-        found = recompute(contents, workshop.at(contents, revision), stages, 14, seed=0)
-    return {(one.stage, one.object_id): one for one in found}
+        results = recompute(contents, workshop.at(contents, revision), stages, 14, seed=0)
+    return {(result.stage, result.object_id): result for result in results}
 
 
 @pytest.mark.slow
@@ -243,11 +247,11 @@ def remade(workshop, *names, revision=None):
 def test_products_of_an_older_version_made_again_from_its_own_records(workshop):
     workshop.edit("data/materials.csv", "wood,750,", "wood,760,")
     workshop.version("second")
-    found = remade(workshop, "objects", "modes", revision=workshop.first)
-    modes = found["modes", "dish"]
+    results = remade(workshop, "objects", "modes", revision=workshop.first)
+    modes = results["modes", "dish"]
     assert modes.verdict == EQUAL
     # Meshes of the toys are versioned by neither git's outputs nor DVC's: that is said, not guessed.
-    assert found["objects", "dish"].verdict == FAILED
+    assert results["objects", "dish"].verdict == FAILED
 
 
 @pytest.mark.slow
@@ -260,12 +264,12 @@ def test_products_made_again_are_equal_but_for_one_that_nobody_could_have_made(w
     forged = Array(values.data + 1, values.dims, values.units, values.long_name)
     write_product(path, Product({"values": forged}, product.attributes))
     before = workshop.products()
-    found = remade(workshop, *STAGES)
-    assert len(found) == 2 * 7
-    assert found["fidelity", "cup"].verdict == DIFFERENT, found["fidelity", "cup"].finding
-    assert "values" in found["fidelity", "cup"].finding
-    assert {key for key, one in found.items() if one.verdict != EQUAL} == {("fidelity", "cup")}
-    assert {key for key, one in found.items() if one.finding} == {("fidelity", "cup")}
+    results = remade(workshop, *STAGES)
+    assert len(results) == 2 * 7
+    assert results["fidelity", "cup"].verdict == DIFFERENT, results["fidelity", "cup"].finding
+    assert "values" in results["fidelity", "cup"].finding
+    assert {key for key, result in results.items() if result.verdict != EQUAL} == {("fidelity", "cup")}
+    assert {key for key, result in results.items() if result.finding} == {("fidelity", "cup")}
     assert workshop.products() == before
 
 
@@ -273,9 +277,9 @@ def test_products_made_again_are_equal_but_for_one_that_nobody_could_have_made(w
 @pytest.mark.usefixtures("children_find_the_bodies")
 def test_code_of_today_that_is_another_is_said(workshop):
     workshop.edit_code("units", "PASCAL = 1.0", "PASCAL = 2.0")
-    one = remade(workshop, "modes")["modes", "cup"]
-    assert one.verdict == DIFFERENT
-    assert "code workshop_of_verify.units changed" in one.finding
+    result = remade(workshop, "modes")["modes", "cup"]
+    assert result.verdict == DIFFERENT
+    assert "code workshop_of_verify.units changed" in result.finding
 
 
 @pytest.mark.parametrize("seed", [None, "7", True, 0.5])
@@ -287,23 +291,24 @@ def test_product_that_names_no_seed_is_not_made_with_another(workshop, seed):
     write_product(
         path, product.with_attributes(provenance=parts if seed is None else {**parts, "seed": seed})
     )
-    (stage,) = (one for one in workshop.stages if one.name == "touches")
+    (stage,) = (candidate for candidate in workshop.stages if candidate.name == "touches")
     with Contents(workshop.root) as contents:
-        found = {
-            one.object_id: one for one in recompute(contents, workshop.at(contents, None), [stage], 2, 0)
+        results = {
+            result.object_id: result
+            for result in recompute(contents, workshop.at(contents, None), [stage], 2, 0)
         }
-    assert found["cup"].verdict == FAILED
-    assert "data/touches/cup.zarr.zip: its seed" in found["cup"].finding
+    assert results["cup"].verdict == FAILED
+    assert "data/touches/cup.zarr.zip: its seed" in results["cup"].finding
 
 
 def test_draw_is_of_its_seed(workshop, monkeypatch):
-    drawn = []
+    draws = []
     monkeypatch.setattr(
         "pipeline.audit.recomputation._Bench.remake",
-        lambda self, stage, object_id, child: drawn.append((stage.name, object_id)),
+        lambda self, stage, object_id, child: draws.append((stage.name, object_id)),
     )
     for seed in (1, 1, 2):
         with Contents(workshop.root) as contents:
             recompute(contents, workshop.at(contents, None), workshop.stages, 3, seed)
-    assert drawn[:3] == drawn[3:6] != drawn[6:]
-    assert len(set(drawn[:3])) == 3
+    assert draws[:3] == draws[3:6] != draws[6:]
+    assert len(set(draws[:3])) == 3

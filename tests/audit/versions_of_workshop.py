@@ -180,13 +180,13 @@ def made_versions(folder: Path, package: str, **materials: str) -> Iterator[Vers
 
 def only(audit: Audit, object_id: str) -> ObjectChange:
     """What became of one object."""
-    (found,) = (one for one in audit.objects if one.object_id == object_id)
-    return found
+    (change,) = (candidate for candidate in audit.objects if candidate.object_id == object_id)
+    return change
 
 
 def states(audit: Audit) -> dict[str, str]:
     """State by object."""
-    return {one.object_id: one.state for one in audit.objects}
+    return {change.object_id: change.state for change in audit.objects}
 
 
 def flip(path: Path, bit: int) -> None:

@@ -47,10 +47,10 @@ def presses(files):
 
 @pytest.fixture(scope="module")
 def single(files, presses):
-    which, points, asked = presses
+    which, points, loads = presses
     rows = [np.flatnonzero(which == index) for index in range(2)]
     return [
-        (row, file.press(points[row], **{name: value[row] for name, value in asked.items()}))
+        (row, file.press(points[row], **{name: value[row] for name, value in loads.items()}))
         for row, file in zip(rows, files, strict=True)
     ]
 
@@ -62,8 +62,8 @@ AT_GREATER_PRECISION = pytest.mark.release("objectfolder.batch", "objectfolder.t
     ("precision", "most"), [pytest.param("double", 1, marks=AT_GREATER_PRECISION), ("single", 8)]
 )
 def test_touches_of_several_objects_equal_single_presses(files, presses, single, precision, most):
-    which, points, asked = presses
-    answer = Batch(files, "cpu", precision=precision).touch.press(which, points, **asked)
+    which, points, loads = presses
+    answer = Batch(files, "cpu", precision=precision).touch.press(which, points, **loads)
     for rows, true in single:
         levels = np.abs(answer.rgb.numpy()[rows].astype(int) - true.rgb)
         assert levels.max() <= most
@@ -87,19 +87,19 @@ def test_the_device_check_compares_touches_of_any_precision_with_single_presses(
 
 
 def test_a_touch_in_a_batch_is_what_it_is_alone_and_fills_the_room_it_is_given(files, presses):
-    which, points, asked = presses
+    which, points, loads = presses
     touch = Batch(files, "cpu").touch
     out = TouchImages.empty(len(which), touch.sensor, "cpu")
-    together = touch.press(which, points, **asked, out=out)
+    together = touch.press(which, points, **loads, out=out)
     assert together.rgb.data_ptr() == out.rgb.data_ptr()
-    alone = touch.press(which[2:3], points[2:3], **{name: value[2:3] for name, value in asked.items()})
+    alone = touch.press(which[2:3], points[2:3], **{name: value[2:3] for name, value in loads.items()})
     assert together.shear is None
     for name in vars(alone).keys() - {"shear"}:
         value = getattr(alone, name)
         np.testing.assert_array_equal(value[0], getattr(together, name)[2], err_msg=name)
     reached = ~(together.penetration_m == 0)
-    seen = touch.see(which, together.sensor_to_object)
-    assert bool((seen.rgb[reached] == together.rgb[reached]).all())
+    images = touch.see(which, together.sensor_to_object)
+    assert bool((images.rgb[reached] == together.rgb[reached]).all())
     depths = touch.penetrations(which, together.sensor_to_object)
     assert float((depths - together.penetration_m)[reached].abs().max()) < 1e-12
 
@@ -130,8 +130,8 @@ def test_elastic_touches_are_those_of_single_presses_and_state_their_residuals(f
     assert float(answer.relative_residual.max()) < 2e-5
     singles = []
     for row, index in enumerate(which):
-        asked = Press(contact="elastic", **cells, **{name: value[row] for name, value in load.items()})
-        true = press(files[index].touch.net._patches, sensor, points[row : row + 1], asked)
+        query = Press(contact="elastic", **cells, **{name: value[row] for name, value in load.items()})
+        true = press(files[index].touch.net._patches, sensor, points[row : row + 1], query)
         singles.append((np.array([row]), true))
         for name, close in (
             ("force_n", 1e-5 * true.force_n[0]), ("penetration_m", 1e-8), ("sensor_to_object", 1e-8),
@@ -159,7 +159,7 @@ def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twist
     query = {"force_n": forces, "cell_m": 0.0005, "marker_grid": (5, 4), "friction": 0.8, "across_n": across}
     query |= {"torque_nm": torques} if twisted else {}
     answer = touch.press(which, points, steps=40, **query)
-    shear, drawn = answer.shear, answer.shear.markers.drawn_on(answer.rgb)
+    shear, images = answer.shear, answer.shear.markers.drawn_on(answer.rgb)
     assert shear.sliding.tolist() == [False, False, True, True]
     assert float(shear.relative_residual.max()) < 3e-5
     gel = Elastomer(sensor.gel_youngs_modulus_pa, sensor.gel_poisson_ratio, sensor.gel_thickness_m)
@@ -180,10 +180,10 @@ def test_sheared_gels_move_their_markers_as_those_of_single_queries(files, twist
             np.abs(shear.shift_m[row].numpy() - true.shift_m).max() < 2e-8 + 2e-3 * np.abs(true.shift_m).max()
         )
         assert float(shear.twist_rad[row]) == pytest.approx(true.twist_rad, rel=2e-3, abs=1e-6)
-        levels = drawn[row].numpy().astype(int) - markers.drawn_on(answer.rgb[row].numpy())
+        levels = images[row].numpy().astype(int) - markers.drawn_on(answer.rgb[row].numpy())
         assert np.abs(levels).max() <= 1
     assert float((shear.markers.displacement_m[:3].abs()).max()) > 1e-4
-    assert (drawn != answer.rgb).any()
+    assert (images != answer.rgb).any()
     pressed = touch.press(which[0], points[:1], force_n=2.0, cell_m=0.0005, marker_grid=(5, 4)).shear
     still = moved_markers(sensor, contacts[0], solve_shear(contacts[0], gel, 0.8, (0.0, 0.0)), (5, 4))
     assert np.abs(pressed.markers.displacement_m[0].numpy() - still.displacement_m).max() < 2e-8

@@ -102,8 +102,8 @@ def kernels():
 def ptx(monkeypatch, body, types, card, optimised):
     cuda = targets.cuda_module()
     for module in (cuda.dispatcher, cuda.compiler):
-        here = SimpleNamespace(compute_capability=card)
-        monkeypatch.setattr(module, "get_current_device", lambda here=here: here, raising=False)
+        device = SimpleNamespace(compute_capability=card)
+        monkeypatch.setattr(module, "get_current_device", lambda device=device: device, raising=False)
     signature = numba.void(*[numba.int64] * 3, *types)
     return cuda.compile_ptx(body.plain, signature, cc=card, opt=optimised)[0]
 

@@ -57,18 +57,18 @@ def test_faults_are_told_worst_first_with_numbers_and_remedies(folder, capsys):
         "open,Open,open.stl,,wood,,my desk,CC BY 4.0,,,,,,",
         "gone,Gone,gone.obj,,wood,,my desk,CC0-1.0,me,,,,,",
     )
-    status, found = check(folder, capsys, *rows)
+    status, report = check(folder, capsys, *rows)
     assert status == 1
-    severities = [one["severity"] for one in found["findings"]]
+    severities = [finding["severity"] for finding in report["findings"]]
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
-    told = {(one["object_id"], one["rule"]): one for one in found["findings"]}
-    assert told["broken", "readable"]["severity"] == "error"
-    assert "does not exist" in told["gone", "readable"]["found"]
-    assert "shares the cleaned surface with block" in told["copy", "duplicate"]["found"]
-    assert "5 times the published 300 g" in told["block", "mass"]["found"]
-    assert "4 boundary" in told["open", "surface"]["found"]
-    assert told["open", "licence"]["remedy"] == "Write CC-BY-4.0"
-    assert (found["objects"], found["measured"]) == (5, 3)
+    findings = {(finding["object_id"], finding["rule"]): finding for finding in report["findings"]}
+    assert findings["broken", "readable"]["severity"] == "error"
+    assert "does not exist" in findings["gone", "readable"]["found"]
+    assert "shares the cleaned surface with block" in findings["copy", "duplicate"]["found"]
+    assert "5 times the published 300 g" in findings["block", "mass"]["found"]
+    assert "4 boundary" in findings["open", "surface"]["found"]
+    assert findings["open", "licence"]["remedy"] == "Write CC-BY-4.0"
+    assert (report["objects"], report["measured"]) == (5, 3)
 
 
 def test_warnings_fail_a_strict_check_alone_unless_accepted(folder, capsys):
@@ -90,8 +90,8 @@ def test_what_is_not_fetched_is_said_and_the_rest_is_checked(folder, capsys):
     assert "is steel, where the name" in out
     assert "1 not fetched (025_mug)" in out
     assert "objectfolder fetch --table" in out
-    status, found = check(folder, capsys, mug)
-    assert (status, found["unfetched"], found["measured"]) == (0, ["025_mug"], 0)
+    status, report = check(folder, capsys, mug)
+    assert (status, report["unfetched"], report["measured"]) == (0, ["025_mug"], 0)
 
 
 def test_the_table_alone_is_looked_at_without_its_meshes(folder, capsys):
@@ -124,18 +124,25 @@ def test_what_is_the_same_for_many_is_said_once(folder, capsys):
 )
 def test_millimetres_taken_for_metres(folder, capsys, row, remedy):
     trimesh.creation.box((200.0, 100.0, 100.0)).export(folder / "millimetres.stl")
-    status, found = check(folder, capsys, row)
+    status, report = check(folder, capsys, row)
     assert status == (remedy is not None)
-    assert [one["remedy"].partition(";")[0] for one in found["findings"]] == ([remedy] if remedy else [])
+    assert [finding["remedy"].partition(";")[0] for finding in report["findings"]] == (
+        [remedy] if remedy else []
+    )
 
 
 def test_ids_that_differ_by_case_are_errors(folder, capsys):
-    status, found = check(folder, capsys, BLOCK, BLOCK.replace("block,", "BLOCK,", 1))
+    status, report = check(folder, capsys, BLOCK, BLOCK.replace("block,", "BLOCK,", 1))
     assert status == 1
     assert all(
-        "case does not count" in one["found"] for one in found["findings"] if one["rule"] == "readable"
+        "case does not count" in finding["found"]
+        for finding in report["findings"]
+        if finding["rule"] == "readable"
     )
-    assert {one["object_id"] for one in found["findings"] if one["rule"] == "readable"} == {"block", "BLOCK"}
+    assert {finding["object_id"] for finding in report["findings"] if finding["rule"] == "readable"} == {
+        "block",
+        "BLOCK",
+    }
 
 
 @pytest.mark.parametrize("text", ["", "id,mesh\na,b\n", "\0\xff"])
@@ -148,14 +155,14 @@ def test_a_table_that_cannot_be_read(tmp_path, capsys, text):
 
 
 def test_a_name_that_no_file_can_have_is_an_error_of_its_row(folder, capsys):
-    status, found = check(folder, capsys, BLOCK.replace("block.stl", f"{'x' * 5000}.stl"), BALL)
-    assert (status, found["measured"]) == (1, 1)
-    assert "does not exist" in found["findings"][0]["found"]
+    status, report = check(folder, capsys, BLOCK.replace("block.stl", f"{'x' * 5000}.stl"), BALL)
+    assert (status, report["measured"]) == (1, 1)
+    assert "does not exist" in report["findings"][0]["found"]
 
 
 def test_the_papers_table_has_no_errors(capsys):
     """What is fetched of it depends on the machine; the table itself does not."""
     table = Path(__file__).parents[2] / "data" / "objects.csv"
     assert main(["check", str(table), "--no-meshes", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["objects"], found["counts"]["error"]) == (100, 0)
+    report = json.loads(capsys.readouterr().out)
+    assert (report["objects"], report["counts"]["error"]) == (100, 0)

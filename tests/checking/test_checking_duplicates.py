@@ -58,4 +58,4 @@ def test_different_objects_and_empty_cells_share_nothing():
     rows = [entry("a", source_id="", mesh=""), entry("b", source_id="", mesh=""), entry("c", mesh="c.obj")]
     assert list(check(rows)) == []
     shapes = [shape(mesh=str(i), faces=10 + i, texture=None) for i in range(3)]
-    assert list(check([entry(str(i), of=one) for i, one in enumerate(shapes)])) == []
+    assert list(check([entry(str(i), of=measures) for i, measures in enumerate(shapes)])) == []

@@ -32,11 +32,11 @@ def test_lengths_that_are_right(length, file_extents, source):
 
 def test_the_height_is_not_the_longest_side():
     row = entry("mug", "steel", of=shape((0.118, 0.094, 0.082), file_extents=MUG), length_m="0.082", **YCB)
-    found = only(row)
-    assert (found.severity, found.field) == (WARNING, "length_m")
-    assert "0.701 times the longest side" in found.found
-    assert "side along z (0.0813)" in found.found
-    assert "Give the longest side (0.117)" in found.remedy
+    finding = only(row)
+    assert (finding.severity, finding.field) == (WARNING, "length_m")
+    assert "0.701 times the longest side" in finding.found
+    assert "side along z (0.0813)" in finding.found
+    assert "Give the longest side (0.117)" in finding.remedy
 
 
 def test_a_cube_has_no_other_side():
@@ -55,16 +55,16 @@ def test_a_cube_has_no_other_side():
 )
 def test_a_source_in_metres_is_not_to_be_scaled(length, severity, finding):
     row = entry("object", of=shape((0.1, 0.1, 0.1), file_extents=MUG), length_m=length, **YCB)
-    found = only(row)
-    assert found.severity == severity
-    assert finding in found.found
+    fault = only(row)
+    assert fault.severity == severity
+    assert finding in fault.found
 
 
 def test_the_paper_had_another_length():
     row = {"of": shape(MUG), "paper_length_m": "0.082"}
-    found = only(entry("mug", "steel", **row))
-    assert (found.severity, found.field) == (WARNING, "paper_length_m")
-    assert "0.117 m, where the paper has 0.082 m (0.701 times as long)" in found.found
+    finding = only(entry("mug", "steel", **row))
+    assert (finding.severity, finding.field) == (WARNING, "paper_length_m")
+    assert "0.117 m, where the paper has 0.082 m (0.701 times as long)" in finding.found
     assert only(entry("mug", "steel", notes="its height", **row)).severity == NOTE
     assert list(check(entry("mug", "steel", of=shape(MUG), paper_length_m="0.118"))) == []
     assert list(check(entry("mug", "steel", of=shape(MUG), paper_length_m="None"))) == []

@@ -16,32 +16,32 @@ def test_masses_that_agree_within_what_scans_and_woods_differ_by(mass):
 
 
 def test_too_heavy_is_hollow_or_of_something_else():
-    (found,) = check(entry(material="iron", of=shape(BLOCK), mass_kg="2.8"))
-    assert (found.severity, found.field) == (WARNING, "mass_kg")
-    assert "16 kg, 5.7 times the published 2.8 kg" in found.found
-    assert "iron has 8000 kg/m3, 1400 would fit, near plastic and polycarbonate" in found.found
-    assert "hollow" in found.remedy
+    (finding,) = check(entry(material="iron", of=shape(BLOCK), mass_kg="2.8"))
+    assert (finding.severity, finding.field) == (WARNING, "mass_kg")
+    assert "16 kg, 5.7 times the published 2.8 kg" in finding.found
+    assert "iron has 8000 kg/m3, 1400 would fit, near plastic and polycarbonate" in finding.found
+    assert "hollow" in finding.remedy
 
 
 def test_too_light_misses_parts():
-    (found,) = check(entry(of=shape(BLOCK), mass_kg="5"))
-    assert found.severity == WARNING
-    assert "0.3 times" in found.found
-    assert "missing" in found.remedy
+    (finding,) = check(entry(of=shape(BLOCK), mass_kg="5"))
+    assert finding.severity == WARNING
+    assert "0.3 times" in finding.found
+    assert "missing" in finding.remedy
 
 
 def test_an_absurd_mass_names_the_length_that_explains_it():
     # 1.2 m stated for a board of 0.19 m: the mass is 6.28^3 times too large.
     large = tuple(side * 1.2 / 0.191 for side in (0.191, 0.167, 0.041))
-    (found,) = check(entry(of=shape(large), mass_kg="0.98"))
-    assert found.severity == ERROR
-    assert "a length of 0.191 m instead of 1.2 m would explain it" in found.remedy
+    (finding,) = check(entry(of=shape(large), mass_kg="0.98"))
+    assert finding.severity == ERROR
+    assert "a length of 0.191 m instead of 1.2 m would explain it" in finding.remedy
 
 
 def test_a_shell_weighs_what_its_wall_weighs():
     can = {"of": shape((0.14, 0.1, 0.1), area=0.076), "mass_kg": "0.12"}
-    (found,) = check(entry(material="steel", **can))
-    assert "published 120 g" in found.found
+    (finding,) = check(entry(material="steel", **can))
+    assert "published 120 g" in finding.found
     assert list(check(entry(material="steel", shell_m="0.0002", **can))) == []
     assert mass_as_made(entry(material="steel", shell_m="0.0002", **can)) == pytest.approx(0.1193, rel=1e-3)
     # A shell that is thicker than the object leaves it solid.
@@ -49,17 +49,17 @@ def test_a_shell_weighs_what_its_wall_weighs():
 
 
 def test_what_is_held_weighs_no_fifteen_kilograms():
-    (found,) = check(entry(material="steel", of=shape(BLOCK)))
-    assert (found.severity, found.field) == (WARNING, "shell_m")
-    assert "15.7 kg at a length of 0.2 m" in found.found
+    (finding,) = check(entry(material="steel", of=shape(BLOCK)))
+    assert (finding.severity, finding.field) == (WARNING, "shell_m")
+    assert "15.7 kg at a length of 0.2 m" in finding.found
     assert list(check(entry(material="steel", of=shape(BLOCK), shell_m="0.001"))) == []
     assert list(check(entry(of=shape(BLOCK)))) == []
 
 
 def test_furniture_may_be_heavy_but_not_absurdly():
     assert list(check(entry(of=shape((2.0, 1.0, 0.05))))) == []
-    (found,) = check(entry(material="steel", of=shape((0.9, 0.5, 0.5))))
-    assert "1.77e+03 kg" in found.found
+    (finding,) = check(entry(material="steel", of=shape((0.9, 0.5, 0.5))))
+    assert "1.77e+03 kg" in finding.found
 
 
 def test_nothing_is_said_of_what_is_open_or_not_there():
@@ -68,6 +68,6 @@ def test_nothing_is_said_of_what_is_open_or_not_there():
 
 
 def test_what_weighs_next_to_nothing_may_be_in_another_unit():
-    (found,) = check(entry(of=shape((0.02, 0.01, 0.01))))
-    assert "1.5 g at a length of 0.02 m" in found.found
-    assert "its unit" in found.remedy
+    (finding,) = check(entry(of=shape((0.02, 0.01, 0.01))))
+    assert "1.5 g at a length of 0.02 m" in finding.found
+    assert "its unit" in finding.remedy

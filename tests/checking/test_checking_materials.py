@@ -40,8 +40,8 @@ def test_no_contradictions(object_id, material):
 def test_a_material_of_ones_own_table_is_known_by_its_name():
     brass = dataclasses.replace(MATERIALS["steel"], name="brass")
     row = dataclasses.replace(entry("Solid_Brass_Bell", "steel"), materials={**MATERIALS, "brass": brass})
-    (found,) = check(row)
-    assert found.remedy.startswith("Write brass")
+    (finding,) = check(row)
+    assert finding.remedy.startswith("Write brass")
     assert list(check(dataclasses.replace(row, cells={**row.cells, "material": "brass"}))) == []
 
 

@@ -29,8 +29,8 @@ def test_rows_that_say_where_they_are_from(cells):
 )
 def test_what_is_missing(cells, column, severity):
     """The public domain asks for no name."""
-    (found,) = check_provenance(entry(**{**cells, column: ""}))
-    assert (found.severity, found.field, found.found) == (severity, column, "is empty")
+    (finding,) = check_provenance(entry(**{**cells, column: ""}))
+    assert (finding.severity, finding.field, finding.found) == (severity, column, "is empty")
 
 
 @pytest.mark.parametrize(
@@ -43,15 +43,15 @@ def test_what_is_missing(cells, column, severity):
     ],
 )
 def test_a_source_that_nothing_fetches(source_id, remedy):
-    (found,) = check_provenance(entry(**{**OWN, "source_id": source_id}))
-    assert (found.severity, found.field) == (ERROR, "source_id")
-    assert source_id in found.found
-    assert remedy in found.remedy
+    (finding,) = check_provenance(entry(**{**OWN, "source_id": source_id}))
+    assert (finding.severity, finding.field) == (ERROR, "source_id")
+    assert source_id in finding.found
+    assert remedy in finding.remedy
 
 
 def test_two_sources_in_one_row():
-    (found,) = check_provenance(entry(**{**MUG, "source": "Google Scanned Objects"}))
-    assert "'ycb:025_mug' is of another source than 'Google Scanned Objects'" in found.found
+    (finding,) = check_provenance(entry(**{**MUG, "source": "Google Scanned Objects"}))
+    assert "'ycb:025_mug' is of another source than 'Google Scanned Objects'" in finding.found
 
 
 @pytest.mark.parametrize(
@@ -66,32 +66,32 @@ def test_two_sources_in_one_row():
     ],
 )
 def test_licences_as_people_write_them(said, meant):
-    (found,) = check_licence(entry(**{**OWN, "licence": said}))
-    assert (found.severity, found.remedy) == (WARNING, f"Write {meant}")
+    (finding,) = check_licence(entry(**{**OWN, "licence": said}))
+    assert (finding.severity, finding.remedy) == (WARNING, f"Write {meant}")
 
 
 @pytest.mark.parametrize("said", ["all rights reserved", "CC-BY-9.9"])
 def test_licences_that_nobody_knows(said):
-    (found,) = check_licence(entry(**{**OWN, "licence": said}))
-    assert found.severity == WARNING
-    assert "spdx.org/licenses" in found.remedy
+    (finding,) = check_licence(entry(**{**OWN, "licence": said}))
+    assert finding.severity == WARNING
+    assert "spdx.org/licenses" in finding.remedy
 
 
 def test_no_licence():
-    (found,) = check_licence(entry(**{**OWN, "licence": ""}))
-    assert (found.severity, found.found) == (WARNING, "is empty")
+    (finding,) = check_licence(entry(**{**OWN, "licence": ""}))
+    assert (finding.severity, finding.found) == (WARNING, "is empty")
 
 
 def test_a_licence_that_is_not_the_sources():
-    (found,) = check_licence(entry(**{**MUG, "licence": "CC0-1.0"}))
-    assert found.severity == ERROR
-    assert "not the licence of YCB Object and Model Set, CC-BY-4.0" in found.found
+    (finding,) = check_licence(entry(**{**MUG, "licence": "CC0-1.0"}))
+    assert finding.severity == ERROR
+    assert "not the licence of YCB Object and Model Set, CC-BY-4.0" in finding.found
     # Written otherwise it is still the right one.
-    (found,) = check_licence(entry(**{**MUG, "licence": "CC BY 4.0"}))
-    assert (found.severity, found.remedy) == (WARNING, "Write CC-BY-4.0")
+    (finding,) = check_licence(entry(**{**MUG, "licence": "CC BY 4.0"}))
+    assert (finding.severity, finding.remedy) == (WARNING, "Write CC-BY-4.0")
 
 
 @pytest.mark.parametrize(("licence", "severity"), [("CC-BY-ND-4.0", WARNING), ("CC-BY-NC-4.0", NOTE)])
 def test_licences_that_forbid_what_is_made(licence, severity):
-    (found,) = check_licence(entry(**{**OWN, "licence": licence}))
-    assert found.severity == severity
+    (finding,) = check_licence(entry(**{**OWN, "licence": licence}))
+    assert finding.severity == severity

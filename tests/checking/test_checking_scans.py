@@ -47,12 +47,16 @@ def papers_table(scans: Path, folder: Path, ids: tuple[str, ...]) -> Path:
 def test_errors_of_the_published_list_are_found(shared_objects, tmp_path, capsys):
     table = papers_table(shared_objects, tmp_path, (*WRONG, *RIGHT))
     assert main(["check", str(table), "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["measured"] == len(WRONG) + len(RIGHT)
-    doubted = {(one["object_id"], one["field"]) for one in found["findings"] if one["severity"] != "note"}
+    report = json.loads(capsys.readouterr().out)
+    assert report["measured"] == len(WRONG) + len(RIGHT)
+    doubted = {
+        (finding["object_id"], finding["field"])
+        for finding in report["findings"]
+        if finding["severity"] != "note"
+    }
     for object_id, column in WRONG.items():
         # A published mass that iron cannot have is how a wrong material shows.
         assert {(object_id, column), (object_id, "mass_kg")} & doubted, object_id
     assert not {object_id for object_id, _ in doubted} & set(RIGHT)
-    errors = [one["object_id"] for one in found["findings"] if one["severity"] == "error"]
+    errors = [finding["object_id"] for finding in report["findings"] if finding["severity"] == "error"]
     assert set(errors) == {"071_nine_hole_peg_test"}

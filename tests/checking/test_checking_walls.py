@@ -17,10 +17,10 @@ from tests.small_meshes import bare_mesh, sphere
 
 def test_a_can_of_known_mass_is_scanned_solid():
     can = {"of": shape((0.14, 0.1, 0.1)), "mass_kg": "0.414", "name": "Coffee can"}
-    (found,) = check_walls(entry("can", "steel", **can))
-    assert (found.severity, found.field) == (WARNING, "shell_m")
-    assert found.found.startswith("too thick (certain)")
-    assert "gives the published 0.414 kg" in found.remedy
+    (finding,) = check_walls(entry("can", "steel", **can))
+    assert (finding.severity, finding.field) == (WARNING, "shell_m")
+    assert finding.found.startswith("too thick (certain)")
+    assert "gives the published 0.414 kg" in finding.remedy
     assert list(check_walls(entry("can", "steel", shell_m="0.0003", **can))) == []
 
 
@@ -35,11 +35,11 @@ def test_masses_alone_are_left_to_the_rule_of_masses():
 
 
 def test_open_surfaces():
-    (found,) = check_surface(entry(of=shape(closed=False, boundary_edges=376)))
-    assert (found.severity, found.field) == (WARNING, "mesh")
-    assert "376 boundary and 0 non-manifold edges" in found.found
-    (found,) = check_surface(entry(of=shape(closed=False)))
-    assert "wound inconsistently" in found.found
+    (finding,) = check_surface(entry(of=shape(closed=False, boundary_edges=376)))
+    assert (finding.severity, finding.field) == (WARNING, "mesh")
+    assert "376 boundary and 0 non-manifold edges" in finding.found
+    (finding,) = check_surface(entry(of=shape(closed=False)))
+    assert "wound inconsistently" in finding.found
     assert list(check_surface(entry(of=shape()))) == []
     assert list(check_surface(entry())) == []
 
@@ -93,18 +93,18 @@ def test_a_doubt_that_was_looked_at_is_a_note():
 
 def test_errors_and_unexplained_doubts_stay():
     row = entry(accepted="mass", notes="so be it")
-    (found,) = accept(row, [doubt(row, ERROR)])
-    assert (found.severity, found.accepted) == (ERROR, False)
+    (finding,) = accept(row, [doubt(row, ERROR)])
+    assert (finding.severity, finding.accepted) == (ERROR, False)
     unexplained = entry(accepted="mass")
-    reason, found = accept(unexplained, [doubt(unexplained)])
+    reason, finding = accept(unexplained, [doubt(unexplained)])
     assert "without a reason" in reason.found
-    assert found.severity == WARNING
+    assert finding.severity == WARNING
 
 
 def test_acceptances_of_nothing_and_of_no_rule():
-    (found,) = accept(entry(accepted="mas", notes="why"), [])
-    assert (found.severity, found.remedy) == (WARNING, "Did you mean mass?")
-    (found,) = accept(entry(of=shape(), accepted="mass", notes="why"), [])
-    assert "finds nothing" in found.found
+    (finding,) = accept(entry(accepted="mas", notes="why"), [])
+    assert (finding.severity, finding.remedy) == (WARNING, "Did you mean mass?")
+    (finding,) = accept(entry(of=shape(), accepted="mass", notes="why"), [])
+    assert "finds nothing" in finding.found
     # What is not fetched was not looked at.
     assert list(accept(entry(accepted="mass", notes="why"), [])) == []

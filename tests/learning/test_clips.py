@@ -44,14 +44,14 @@ def test_a_mug_is_seen_to_rise_heard_to_be_touched_and_felt(held, tmp_path, monk
     pressed = abs(gels[4] - gels[0])
     assert pressed.max() > 20, "pressed"
     assert abs(gels[4] - gels[3]).mean() < 0.3 * pressed.mean(), "and held"
-    seen = images[:, :, :pixels]
-    assert abs(seen[-1] - seen[3]).max() > 100, "lifted"
+    views = images[:, :, :pixels]
+    assert abs(views[-1] - views[3]).max() > 100, "lifted"
     loud = np.flatnonzero(abs(sound) > 0.1 * abs(sound).max()) / AUDIO_RATE_HZ
     assert loud[0] < 0.1, "touched at once"
     assert np.median(loud) < 0.3, "then it rings"
     longer, _ = read(tmp_path / "lost.mp4")
     assert 2 * len(longer) > len(images)
-    assert abs(longer[-1, :, :pixels] - seen[-1]).max() > 100
+    assert abs(longer[-1, :, :pixels] - views[-1]).max() > 100
 
 
 @pytest.mark.release("learning", "objectfolder.live")
@@ -63,9 +63,9 @@ def test_a_film_is_the_same_whatever_was_done_before_it(held):
 
     once = first()
     world.close(Grasp(0.0, 0.0, 0.0, grasp.force_n))
-    for (image, block), (other, heard) in zip(once, first(), strict=True):
-        np.testing.assert_array_equal(image, other)
-        np.testing.assert_array_equal(block, heard)
+    for (image, block), (image_again, block_again) in zip(once, first(), strict=True):
+        np.testing.assert_array_equal(image, image_again)
+        np.testing.assert_array_equal(block, block_again)
     assert once[2][1].any()
 
 
@@ -73,29 +73,29 @@ def test_a_film_is_the_same_whatever_was_done_before_it(held):
 def test_what_is_filmed_comes_out_as_its_name_says(mugs, held, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
     monkeypatch.setattr(clips, "EACH", 1)
-    made = {}
-    monkeypatch.setattr(clips, "write_film", lambda path, world, file, grasps: made.update({path: grasps}))
+    films = {}
+    monkeypatch.setattr(clips, "write_film", lambda path, world, file, grasps: films.update({path: grasps}))
     old = tmp_path / "clips" / "grasping_held_9_z.mp4"
     old.parent.mkdir()
     old.touch()
-    written = write_clips(Objects(mugs), mugs, tmp_path / "clips")
+    paths = write_clips(Objects(mugs), mugs, tmp_path / "clips")
     assert not old.exists()
-    assert written == list(made)
-    assert sorted(path.name.rsplit("_", 2)[0] for path in written) == [
+    assert paths == list(films)
+    assert sorted(path.name.rsplit("_", 2)[0] for path in paths) == [
         "grasping_held", "grasping_lost", "regrasping_held", "regrasping_lost",
     ]  # fmt: skip
     world = held[0]["mug"]
-    for path, grasps in made.items():
+    for path, grasps in films.items():
         assert 1 <= len(grasps) <= 1 + 3 * path.name.startswith("regrasping")
         for grasp in grasps:
             world.close(grasp)
         assert (world.lift(grasps[-1].force_n) >= HELD_SHARE) == ("_held_" in path.name)
-    again = dict(made)
-    assert write_clips(Objects(mugs), mugs, tmp_path / "clips") == written
-    assert made == again
-    for path in written:
+    again = dict(films)
+    assert write_clips(Objects(mugs), mugs, tmp_path / "clips") == paths
+    assert films == again
+    for path in paths:
         path.touch()
-    assert clips_in(tmp_path / "clips")["regrasping"] == sorted(path.name for path in written[2:])
+    assert clips_in(tmp_path / "clips")["regrasping"] == sorted(path.name for path in paths[2:])
 
 
 def test_the_page_shows_the_clips_of_each_task_that_there_are(tiny, tmp_path, monkeypatch):

@@ -89,7 +89,7 @@ def figures(objects, settings, seed):
     values["all senses"] = fused(list(networks.values()), seed).mean()
     for first, second in (("vision", "audio"), ("touch", "audio"), ("vision", "touch")):
         pair = networks[first], networks[second]
-        tests = [one.splits["test"] for one in pair]
+        tests = [encoder.splits["test"] for encoder in pair]
         for method, similarity in similarities(pair, len(objects), settings.retrieval, seed).items():
             by_object = scores(similarity, *tests, seed).map
             values[f"{first} to {second}, {method}"] = np.mean(list(by_object.values()))
@@ -113,8 +113,8 @@ def grasping(objects, settings, seed):
     }
     training, test = np.split(np.arange(GRASPS), [2 * GRASPS // 3])
     answers = Predictor(objects, settings, grasps).of(training, test)
-    held = grasps["held"][test]
-    return {f"grasps by {senses}": np.mean(answer == held) for senses, answer in answers.items()}
+    outcomes = grasps["held"][test]
+    return {f"grasps by {senses}": np.mean(answer == outcomes) for senses, answer in answers.items()}
 
 
 @pytest.fixture

@@ -46,10 +46,10 @@ def test_a_grasp_is_the_same_whatever_was_tried_before_it(world, file):
     grasps = [grasp for _, grasp in zip(range(3), drawn_grasps(file, 1), strict=False)]
     first = [world.attempt(grasp, PIXELS) for grasp in grasps]
     again = [world.attempt(grasp, PIXELS) for grasp in grasps[::-1]][::-1]
-    for one, other in zip(first, again, strict=True):
-        assert one.risen_share == other.risen_share
-        np.testing.assert_array_equal(one.touch, other.touch)
-        np.testing.assert_array_equal(one.image, other.image)
+    for outcome, outcome_again in zip(first, again, strict=True):
+        assert outcome.risen_share == outcome_again.risen_share
+        np.testing.assert_array_equal(outcome.touch, outcome_again.touch)
+        np.testing.assert_array_equal(outcome.image, outcome_again.image)
 
 
 def test_a_harder_grasp_is_felt_deeper(world, file):
@@ -73,23 +73,23 @@ def test_a_data_set_without_masses_is_an_error(bars):
 
 
 def test_folds_that_are_not_equal_are_trained_on_as_many(tiny):
-    asked = tiny.grasping.model_copy(update={"folds": 3, "sizes": (5, 100)})
-    settings = tiny.model_copy(update={"grasping": asked})
-    found = list(stability._by_size({"held": np.arange(32) % 2 == 0}, settings))
-    assert [size for size, _, _ in found] == [5, 21] * 3
-    assert [len(rows) for _, rows, _ in found] == [5, 21] * 3
-    assert sorted(np.concatenate([test for _, _, test in found[::2]])) == list(range(32))
+    grasping = tiny.grasping.model_copy(update={"folds": 3, "sizes": (5, 100)})
+    settings = tiny.model_copy(update={"grasping": grasping})
+    folds = list(stability._by_size({"held": np.arange(32) % 2 == 0}, settings))
+    assert [size for size, _, _ in folds] == [5, 21] * 3
+    assert [len(rows) for _, rows, _ in folds] == [5, 21] * 3
+    assert sorted(np.concatenate([test for _, _, test in folds[::2]])) == list(range(32))
 
 
 @pytest.mark.slow
 def test_of_four_objects_each_is_left_out_once(mugs, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path / "runs")
-    found = stability.evaluate(Objects(mugs), mugs, Here())
-    json.dumps(found, allow_nan=False)
-    (size,) = found["accuracy_percent"]
-    assert set(found["accuracy_percent"][size]) == {
+    figures = stability.evaluate(Objects(mugs), mugs, Here())
+    json.dumps(figures, allow_nan=False)
+    (size,) = figures["accuracy_percent"]
+    assert set(figures["accuracy_percent"][size]) == {
         "V", "T", "VT", "majority", "majority of the object", "trees on force and pose",
     }  # fmt: skip
-    assert found["grasps"] == 4 * mugs.grasping.grasps
-    assert set(found["unseen_object"]) == set("abcd")
-    assert all(answer["majority"] == 50 for answer in found["unseen_object"].values())
+    assert figures["grasps"] == 4 * mugs.grasping.grasps
+    assert set(figures["unseen_object"]) == set("abcd")
+    assert all(answer["majority"] == 50 for answer in figures["unseen_object"].values())

@@ -50,14 +50,14 @@ def test_no_vertex_of_a_split_is_in_another(tiny, protocol):
     splits = splits_of(objects, tiny, "touch", protocol)
     counts = tiny.touch_at_vertices.training, tiny.data.validation, tiny.data.test
     for samples, count in zip(splits, counts, strict=True):
-        for file, one in zip(objects.files.values(), samples, strict=True):
-            assert len(one.places) == len(rows_of(one.places))
-            assert len(one.places) == count if protocol == "vertex" else 0 < len(one.places) <= count
-            assert rows_of(one.places) <= rows_of(file.surface.vertices)
-            assert set(one.queries.ravel()) == {tiny.touch_at_vertices.depth_m}
+        for file, touches in zip(objects.files.values(), samples, strict=True):
+            assert len(touches.places) == len(rows_of(touches.places))
+            assert len(touches.places) == count if protocol == "vertex" else 0 < len(touches.places) <= count
+            assert rows_of(touches.places) <= rows_of(file.surface.vertices)
+            assert set(touches.queries.ravel()) == {tiny.touch_at_vertices.depth_m}
     for first, second in combinations(splits, 2):
-        for one, other in zip(first, second, strict=True):
-            assert not rows_of(one.places) & rows_of(other.places)
+        for first_touches, second_touches in zip(first, second, strict=True):
+            assert not rows_of(first_touches.places) & rows_of(second_touches.places)
     if protocol == "vertex region":
         for name, file, *samples in zip(objects.ids, objects.files.values(), *splits, strict=True):
             _, tested = regions_of(file, "touch", tiny.data.regions, seed_from(0, "regions", name))
@@ -75,9 +75,9 @@ def test_no_sample_of_a_split_is_in_another(objects, tiny, sense):
     for protocol in ("sample", "region"):
         splits = splits_of(objects, tiny, sense, protocol)
         for first, second in combinations(splits, 2):
-            for one, other in zip(first, second, strict=True):
-                assert not rows_of(one.places) & rows_of(other.places)
-                assert not rows_of(one.inputs) & rows_of(other.inputs)
+            for first_samples, second_samples in zip(first, second, strict=True):
+                assert not rows_of(first_samples.places) & rows_of(second_samples.places)
+                assert not rows_of(first_samples.inputs) & rows_of(second_samples.inputs)
 
 
 def _with_truth(small_file, tiny, root, kind):
@@ -128,20 +128,20 @@ def test_an_encoder_does_not_depend_on_its_test(objects, tiny, tmp_path, monkeyp
     monkeypatch.setattr(encoders, "LOGS", tmp_path)
     unseen = folds_of(objects, tiny)[0] if protocol == "unseen" else []
     fixed = {"training": labelled(16, 0), "validation": labelled(8, 1)}
-    made = []
+    outputs = []
     for seed in (2, 3):
         samples = {**fixed, "test": labelled(8, seed)}
         if unseen:  # nor on any sample of an unseen object
             out = torch.isin(fixed["training"].labels, torch.tensor(unseen))
             changed = torch.where(out[:, None, None, None], seed, fixed["training"].inputs)
             samples["training"] = Labelled(changed, fixed["training"].labels)
-        monkeypatch.setattr(encoders, "drawn", lambda *asked, samples=samples: (samples, 0.0))
-        made.append(encoders._train(objects, tiny, "vision", protocol, 0, unseen, pretrained))
+        monkeypatch.setattr(encoders, "drawn", lambda *arguments, samples=samples: (samples, 0.0))
+        outputs.append(encoders._train(objects, tiny, "vision", protocol, 0, unseen, pretrained))
     for name in ("training/logs", "validation/logs"):
-        np.testing.assert_array_equal(made[0][name], made[1][name])
-    assert not np.array_equal(made[0]["test/logs"], made[1]["test/logs"])
-    assert set(made[0]["test/labels"]) == (set(unseen) or set(range(4)))
-    assert not set(made[0]["training/labels"]) & set(unseen)
+        np.testing.assert_array_equal(outputs[0][name], outputs[1][name])
+    assert not np.array_equal(outputs[0]["test/logs"], outputs[1]["test/logs"])
+    assert set(outputs[0]["test/labels"]) == (set(unseen) or set(range(4)))
+    assert not set(outputs[0]["training/labels"]) & set(unseen)
 
 
 def features(seed, tests):
@@ -162,13 +162,18 @@ def test_common_spaces_do_not_depend_on_the_labels_of_their_test():
     pair = features(0, 0), features(1, 0)
     swapped = [
         Encoder(
-            one.splits | {"test": replace(one.splits["test"], labels=one.splits["test"].labels[::-1])}, 0.1
+            encoder.splits
+            | {"test": replace(encoder.splits["test"], labels=encoder.splits["test"].labels[::-1])},
+            0.1,
         )
-        for one in pair
+        for encoder in pair
     ]
-    plain, other = similarities(pair, 4, parameters, 0), similarities(tuple(swapped), 4, parameters, 0)
+    plain, similarities_swapped = (
+        similarities(pair, 4, parameters, 0),
+        similarities(tuple(swapped), 4, parameters, 0),
+    )
     for method, similarity in plain.items():
-        np.testing.assert_array_equal(similarity, other[method], err_msg=method)
+        np.testing.assert_array_equal(similarity, similarities_swapped[method], err_msg=method)
 
 
 def test_an_occupancy_network_is_fitted_to_training_samples_of_known_objects(tiny, monkeypatch):
@@ -177,14 +182,14 @@ def test_an_occupancy_network_is_fitted_to_training_samples_of_known_objects(tin
     class Fitted(Exception):
         pass
 
-    def fit(conditions, labels, shapes, known, asked, seed):
-        fitted.append((conditions, known))
+    def fit(conditions, labels, shapes, object_indices, parameters, seed):
+        fitted.append((conditions, object_indices))
         raise Fitted
 
     monkeypatch.setattr(reconstruction, "fit", fit)
     measures = type("", (), {"shapes": Shapes({}, torch.zeros(0, 3), torch.zeros(0, 0))})()
     for tests in (0, 1):
-        monkeypatch.setattr(reconstruction, "encoded", lambda *asked, tests=tests: features(0, tests))
+        monkeypatch.setattr(reconstruction, "encoded", lambda *arguments, tests=tests: features(0, tests))
         with pytest.raises(Fitted):
             Trial(None, tiny, measures, ("vision",), (0, 2), (1, 3), (1, 3), 0)._predict()
     assert torch.equal(fitted[0][0], fitted[1][0])
@@ -205,25 +210,27 @@ def test_no_grasp_of_a_test_is_trained_on(objects, tiny):
 
 @pytest.mark.slow
 def test_no_policy_and_no_fixed_move_depends_on_an_object_that_is_left_out(mugs, held, tmp_path, monkeypatch):
-    asked, made = set(), []
+    stems, results = set(), []
 
     def world_at(path, digest):
-        asked.add(path.stem)
+        stems.add(path.stem)
         return held[0]["mug"]
 
     monkeypatch.setattr(worlds, "world_at", world_at)
-    for other in ("mug", "bell"):
-        monkeypatch.setattr(runs, "RUNS", tmp_path / other)
-        paths = dict.fromkeys("abc", EXAMPLES / "mug.safetensors") | {"d": EXAMPLES / f"{other}.safetensors"}
-        settings = at_root(mugs, set_of(tmp_path / f"set of {other}", paths))
+    for object_name in ("mug", "bell"):
+        monkeypatch.setattr(runs, "RUNS", tmp_path / object_name)
+        paths = dict.fromkeys("abc", EXAMPLES / "mug.safetensors") | {
+            "d": EXAMPLES / f"{object_name}.safetensors"
+        }
+        settings = at_root(mugs, set_of(tmp_path / f"set of {object_name}", paths))
         grasps = touch_policy.Grasps(Objects(settings), settings, ["d"])
         policy = grasps.learnt(settings.regrasping.seeds[0]).policy
         weights = {name: value.numpy().tobytes() for name, value in policy.state_dict().items()}
         tried = grasps.tried((0.25, 0.0, 0.0))
-        kept = sorted(path.name for path in (tmp_path / other).iterdir())
-        made.append((weights, {name: values.tobytes() for name, values in tried.items()}, kept))
-    assert made[0] == made[1]
-    assert asked == set("abc")
+        files = sorted(path.name for path in (tmp_path / object_name).iterdir())
+        results.append((weights, {name: values.tobytes() for name, values in tried.items()}, files))
+    assert results[0] == results[1]
+    assert stems == set("abc")
 
 
 @pytest.mark.slow
@@ -236,7 +243,7 @@ def test_each_episode_is_done_once_by_a_policy_that_does_not_know_its_object(mug
                 set(learner.training.ids) == set(learner.training.worlds.digests) == set("abcd") - set(fold)
             )
             environment = learner.test.environment(1.0, 0.01)
-            drawn = {environment.reset(seed=seed)[1]["object"] for seed in learner.test_seeds}
-            assert drawn <= set(fold)
+            object_ids = {environment.reset(seed=seed)[1]["object"] for seed in learner.test_seeds}
+            assert object_ids <= set(fold)
             done += learner.test_seeds
         assert sorted(done) == list(learner.test.test_seeds)

@@ -16,11 +16,11 @@ from learning.metrics import (
 
 def counted(similarity: np.ndarray, queries: np.ndarray, gallery: np.ndarray) -> float:
     """The mAP by its definition, a query at a time."""
-    found = []
+    precisions = []
     for row, label in zip(similarity, queries, strict=True):
         ranked = gallery[np.argsort(-row)] == label
-        found.append(np.mean([ranked[: place + 1].mean() for place in np.flatnonzero(ranked)]))
-    return float(np.mean(found))
+        precisions.append(np.mean([ranked[: place + 1].mean() for place in np.flatnonzero(ranked)]))
+    return float(np.mean(precisions))
 
 
 def test_mean_average_precision_is_what_counting_gives():
@@ -36,13 +36,13 @@ def test_mean_average_precision_is_what_counting_gives():
 def test_chance_is_the_mean_of_random_rankings(objects, positives):
     gallery = np.repeat(np.arange(objects), positives)
     random = np.random.default_rng(1)
-    found = [
+    averages = [
         mean_average_precision(random.normal(size=(objects, len(gallery))), np.arange(objects), gallery, draw)
         for draw in range(60)
     ]
-    error = np.std(found) / np.sqrt(len(found))
+    error = np.std(averages) / np.sqrt(len(averages))
     chance = chance_average_precision(np.arange(objects), gallery)
-    assert chance == pytest.approx(np.mean(found), abs=4 * error)
+    assert chance == pytest.approx(np.mean(averages), abs=4 * error)
     if positives == 1:
         assert chance == pytest.approx(np.mean(1 / np.arange(1, objects + 1)))  # .0519 of a hundred
 
@@ -50,9 +50,9 @@ def test_chance_is_the_mean_of_random_rankings(objects, positives):
 def test_equal_answers_score_chance_whatever_the_order_of_the_gallery():
     gallery = np.repeat(np.arange(10), 10)
     queries = np.zeros(400, dtype=np.int64)  # the sorted gallery has these positives first
-    found = [mean_average_precision(np.zeros((400, 100)), queries, gallery, seed) for seed in range(200)]
+    averages = [mean_average_precision(np.zeros((400, 100)), queries, gallery, seed) for seed in range(200)]
     chance = chance_average_precision(queries, gallery)
-    assert np.mean(found) == pytest.approx(chance, abs=4 * np.std(found) / np.sqrt(200))
+    assert np.mean(averages) == pytest.approx(chance, abs=4 * np.std(averages) / np.sqrt(200))
 
 
 def test_galleries_with_one_positive_have_one_item_an_object():

@@ -26,7 +26,7 @@ def made_splits():
 
 
 def test_recognition_has_a_row_with_neighbours_by_each_of_several_senses(monkeypatch):
-    monkeypatch.setattr(recognition, "encoded", lambda *asked: Encoder(made_splits(), 0.0))
+    monkeypatch.setattr(recognition, "encoded", lambda *arguments: Encoder(made_splits(), 0.0))
     for senses in (("vision",), ("vision", "touch")):
         alone, with_votes = (
             recognition._shares(None, None, senses, "region", 0, neighbours) for neighbours in (False, True)

@@ -26,7 +26,7 @@ def stripes(count: int, seed: int) -> Labelled:
 
 
 def test_resnet_18_has_the_parameters_of_resnet_18():
-    assert sum(one.numel() for one in ResNet18(3, 1000).parameters()) == 11_689_512
+    assert sum(weights.numel() for weights in ResNet18(3, 1000).parameters()) == 11_689_512
 
 
 @pytest.mark.slow
@@ -118,7 +118,7 @@ def test_answers_do_not_depend_on_the_batch():
 def test_what_all_samples_share_and_their_contrast_say_nothing():
     network, inputs, logs = ResNet18(1, 2, 8), stripes(64, 0).inputs, []
     shared = torch.rand(1, 32, 32, generator=torch.Generator().manual_seed(0))
-    for seen in (inputs, 0.25 * inputs + shared):
-        network.standardised.learn(seen)
-        logs.append(answers(network, seen)[1])
+    for batch in (inputs, 0.25 * inputs + shared):
+        network.standardised.learn(batch)
+        logs.append(answers(network, batch)[1])
     torch.testing.assert_close(*logs, atol=1e-4, rtol=0)

@@ -41,13 +41,13 @@ def balls(few_points):
 @pytest.fixture(scope="module")
 def trained(balls):
     """A network that knows the first two balls."""
-    asked = read_settings(PARAMETERS).reconstruction.model_copy(
+    parameters = read_settings(PARAMETERS).reconstruction.model_copy(
         update={"steps": 100, "points": 512, "width": 16}
     )
     random = torch.Generator().manual_seed(0)
     labels = torch.arange(4).repeat_interleave(30)
     conditions = torch.eye(4)[labels] + 0.1 * torch.randn(len(labels), 4, generator=random)
-    return fit(conditions, labels, balls, (0, 2), asked, seed=0)
+    return fit(conditions, labels, balls, (0, 2), parameters, seed=0)
 
 
 @pytest.mark.parametrize("label", [0, 2])

@@ -17,8 +17,8 @@ from objectfolder.errors import QueryError
 STAY = np.array([0.0, 0.0, 0.0, -1.0], dtype=np.float32)
 
 
-def _environment(held, spread_m=0.045, charge=0.02):
-    return Regrasping(*held, spread_m, regrasps=3, charge=charge)
+def _environment(worlds_and_forces, spread_m=0.045, charge=0.02):
+    return Regrasping(*worlds_and_forces, spread_m, regrasps=3, charge=charge)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # observations have no bounds
@@ -35,9 +35,9 @@ def test_an_episode_is_that_of_its_seed_whatever_was_done_before(held):
     assert environment.reset(seed=6)[1]["object"] == environment.object_of(6)
     environment.step(np.array([1.0, 1.0, 1.0, -1.0], dtype=np.float32))
     np.testing.assert_array_equal(environment.reset(seed=5)[0], first)
-    for (seen, rewarded, *_), action in zip(once, (STAY, LIFT), strict=True):
+    for (observation, rewarded, *_), action in zip(once, (STAY, LIFT), strict=True):
         again, reward, *_ = environment.step(action)
-        np.testing.assert_array_equal(again, seen)
+        np.testing.assert_array_equal(again, observation)
         assert reward == rewarded
 
 
@@ -50,7 +50,7 @@ def test_gels_show_what_is_asked_for_and_no_more(held):
     # The hull of a mug stands off its surface under some grasps, whose gels cannot be solved.
     seed = next(seed for seed in range(20) if not environments[everything].reset(seed=seed)[1]["unseen"])
     observed = {shown: environment.reset(seed=seed)[0] for shown, environment in environments.items()}
-    gels = {shown: seen[:-WITHOUT_GELS].reshape(2, -1) for shown, seen in observed.items()}
+    gels = {shown: observation[:-WITHOUT_GELS].reshape(2, -1) for shown, observation in observed.items()}
     ends = np.cumsum([GEL_SIZES[part] for part in everything])[:-1]
     depth, force, shear = np.split(gels[everything], ends, axis=1)
     np.testing.assert_array_equal(gels["force",], force)
@@ -58,15 +58,15 @@ def test_gels_show_what_is_asked_for_and_no_more(held):
     assert depth.max() > 0 > force[:, 0].max()
     # A convex side spreads the gel: it moves away from the middle of where it is pressed.
     assert np.ptp(shear, axis=1).min() > 0
-    for seen in observed.values():
-        np.testing.assert_array_equal(seen[-WITHOUT_GELS:], observed[everything][-WITHOUT_GELS:])
+    for observation in observed.values():
+        np.testing.assert_array_equal(observation[-WITHOUT_GELS:], observed[everything][-WITHOUT_GELS:])
 
 
 def test_a_grasp_that_would_hold_ends_nothing_until_it_is_lifted(held):
     environment = _environment(held, spread_m=0.001)
     environment.reset(seed=0)
-    found = [environment.step(STAY)[1:3] for _ in range(3)]
-    assert found == [(-0.02, False), (-0.02, False), (pytest.approx(0.98), True)]
+    steps = [environment.step(STAY)[1:3] for _ in range(3)]
+    assert steps == [(-0.02, False), (-0.02, False), (pytest.approx(0.98), True)]
     environment.reset(seed=0)
     assert environment.step(LIFT)[1:3] == (1.0, True)
 
@@ -75,10 +75,12 @@ def test_a_gel_whose_press_cannot_be_solved_shows_its_force_all_the_same(held):
     environments = [Regrasping(*held, 0.045, 3, 0.0, shown) for shown in (("depth", "force"), ("force",))]
     unsolved = 0
     for seed in range(10):
-        (observed, said), (known, _) = (environment.reset(seed=seed) for environment in environments)
+        (observed, said), (force_observation, _) = (
+            environment.reset(seed=seed) for environment in environments
+        )
         gels = observed[:-WITHOUT_GELS].reshape(2, -1)
         depth, force = np.split(gels, [GEL_SIZES["depth"]], axis=1)
-        np.testing.assert_array_equal(force.ravel(), known[:-WITHOUT_GELS])
+        np.testing.assert_array_equal(force.ravel(), force_observation[:-WITHOUT_GELS])
         empty = ~depth.any(axis=1) & force.any(axis=1)
         assert empty.sum() == said["unseen"]
         unsolved += said["unseen"]
@@ -139,22 +141,22 @@ def test_a_policy_that_was_stopped_becomes_what_it_would_have(mugs, tmp_path, mo
 
 def _learnt(settings, folder, monkeypatch, rollouts):
     monkeypatch.setattr(runs, "RUNS", folder)
-    asked = settings.regrasping.model_copy(update={"rollouts": rollouts})
-    settings = settings.model_copy(update={"regrasping": asked})
+    regrasping = settings.regrasping.model_copy(update={"rollouts": rollouts})
+    settings = settings.model_copy(update={"regrasping": regrasping})
     return touch_policy.Grasps(Objects(settings), settings).learnt(0)
 
 
 @pytest.mark.slow
 def test_all_that_stands_beside_the_policy_is_figured(mugs, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
-    found = policy_comparison.evaluate(Objects(mugs), mugs, Here())
-    json.dumps(found)
+    figures = policy_comparison.evaluate(Objects(mugs), mugs, Here())
+    json.dumps(figures)
     learnt = {"touch, seed 0", "force, seed 0"}
-    assert set(found["held"]) == {"first grasp", "random", "fixed move", "hardest, centred"} | learnt
-    assert "unseen" not in found, "all twins are unseen together"
-    for one in found["held"].values():
-        low, high = one["interval_percent"]
-        assert 0 <= low <= one["percent"] <= high <= 100
+    assert set(figures["held"]) == {"first grasp", "random", "fixed move", "hardest, centred"} | learnt
+    assert "unseen" not in figures, "all twins are unseen together"
+    for figure in figures["held"].values():
+        low, high = figure["interval_percent"]
+        assert 0 <= low <= figure["percent"] <= high <= 100
 
 
 @pytest.mark.slow
@@ -162,31 +164,31 @@ def test_objects_that_no_policy_knows_are_figured_on_the_episodes_of_the_test(mu
     monkeypatch.setattr(runs, "RUNS", tmp_path)
     monkeypatch.setattr(policy_comparison, "folds_of", lambda objects, settings: [[0, 2], [1, 3]])
     monkeypatch.setattr(policy_comparison, "FIXED_MOVES", policy_comparison.FIXED_MOVES[:2])
-    found = policy_comparison.evaluate(Objects(mugs), mugs, Here())
-    json.dumps(found)
-    unseen = found["unseen"]
+    figures = policy_comparison.evaluate(Objects(mugs), mugs, Here())
+    json.dumps(figures)
+    unseen = figures["unseen"]
     assert unseen["folds"] == [["a", "c"], ["b", "d"]]
     assert len(unseen["fixed_moves"]) == 2
     assert set(unseen["held"]) == set(unseen["lost"]) == {"touch", "force", "fixed move"}
     assert set(unseen["touch_ahead"]) == {"first grasp", "random", "force", "fixed move"}
-    drawn = set(found["held"]["random"]["by_object_percent"])
-    for one in unseen["held"].values():
-        assert set(one["by_object_percent"]) == drawn
-    by_object = found["held"]["touch, seed 0"]["by_object_percent"]
-    lost = [by_object[name] - unseen["held"]["touch"]["by_object_percent"][name] for name in drawn]
+    object_ids = set(figures["held"]["random"]["by_object_percent"])
+    for figure in unseen["held"].values():
+        assert set(figure["by_object_percent"]) == object_ids
+    by_object = figures["held"]["touch, seed 0"]["by_object_percent"]
+    lost = [by_object[name] - unseen["held"]["touch"]["by_object_percent"][name] for name in object_ids]
     assert unseen["lost"]["touch"]["points"] == pytest.approx(np.mean(lost))
 
 
 def test_an_object_is_unseen_with_its_twins_and_no_fold_has_one_without_a_mass(mugs, monkeypatch):
-    objects, asked = Objects(mugs), []
+    objects, fold_counts = Objects(mugs), []
 
     def folds_of(objects, settings):
-        asked.append(settings.folds)
+        fold_counts.append(settings.folds)
         return [[3, 0], [2], [1]]
 
     monkeypatch.setattr(policy_comparison, "folds_of", folds_of)
     assert policy_comparison.unseen_objects(objects, mugs, "abd") == [["a", "d"], ["b"]]
-    assert asked == [mugs.regrasping.folds]
+    assert fold_counts == [mugs.regrasping.folds]
     without = mugs.regrasping.model_copy(update={"folds": None})
     assert (
         policy_comparison.unseen_objects(objects, mugs.model_copy(update={"regrasping": without}), "abcd")

@@ -33,16 +33,16 @@ def correlated(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_canonical_correlations_find_the_pair_of_directions():
     a, b = correlated(20_000)
-    found = canonical_correlations(a, b, 1, ridge=1e-9)
-    first, second = found(0, a)[:, 0], found(1, b)[:, 0]
+    project = canonical_correlations(a, b, 1, ridge=1e-9)
+    first, second = project(0, a)[:, 0], project(1, b)[:, 0]
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.8, abs=0.01)
     assert np.abs(np.corrcoef(first, a[:, 1])[0, 1]) > 0.999
 
 
 def test_partial_least_squares_find_them_too():
     a, b = correlated(20_000)
-    found = partial_least_squares(a, b, 1)
-    assert np.abs(np.corrcoef(found(0, a)[:, 0], a[:, 1])[0, 1]) > 0.99
+    project = partial_least_squares(a, b, 1)
+    assert np.abs(np.corrcoef(project(0, a)[:, 0], a[:, 1])[0, 1]) > 0.99
 
 
 def made(objects: int, noise: float, seed: int, clusters: int = 0) -> Encoder:
@@ -96,16 +96,16 @@ def test_joined_features_are_of_one_object():
 
 def test_two_weak_senses_together_are_better_than_each():
     weak = [made(6, 1.2, seed, seed) for seed in (1, 2)]
-    alone = [fused([one], seed=0).mean() for one in weak]
+    alone = [fused([encoder], seed=0).mean() for encoder in weak]
     assert fused(weak, seed=0).mean() > max(alone) + 0.03
 
 
 def test_several_samples_are_better_than_one_which_is_what_a_sense_names():
     test = made(6, 1.6, 1).splits["test"]
     alone = np.mean(test.log_probabilities.argmax(axis=1) == test.labels)
-    one, two, all_of_them = (of_several(test, count, seed=0) for count in (1, 2, 12))
-    assert one == pytest.approx(alone, abs=0.02)
-    assert two > one + 0.05
+    single, pair, all_of_them = (of_several(test, count, seed=0) for count in (1, 2, 12))
+    assert single == pytest.approx(alone, abs=0.02)
+    assert pair > single + 0.05
     assert all_of_them == 1
 
 
@@ -126,11 +126,12 @@ def test_a_sense_that_never_errs_is_not_without_doubt():
 def test_a_sense_that_is_too_sure_does_not_outvote_another():
     quiet, loud = made(6, 1.2, 1, 1), made(6, 1.6, 2, 2)
     louder = {
-        name: replace(one, log_probabilities=4 * one.log_probabilities) for name, one in loud.splits.items()
+        name: replace(part, log_probabilities=4 * part.log_probabilities)
+        for name, part in loud.splits.items()
     }
     right = fused([quiet, loud], seed=0).mean()
     assert fused([quiet, Encoder(louder, 0.1)], seed=0).mean() > right - 0.02
-    said = [one.splits["test"] for one in (quiet, loud)]
+    said = [encoder.splits["test"] for encoder in (quiet, loud)]
     plain = said[0].log_probabilities + 4 * said[1].log_probabilities
     assert right > (plain.argmax(axis=1) == said[0].labels).mean() + 0.03
 

@@ -17,9 +17,9 @@ def bar(small_file):
 
 @pytest.mark.parametrize("sense", SENSES)
 def test_the_same_seed_draws_the_same_samples_and_another_others(bar, sense):
-    first, again, other = (draw(bar, sense, 3, seed, 16) for seed in (0, 0, 1))
+    first, again, second = (draw(bar, sense, 3, seed, 16) for seed in (0, 0, 1))
     assert torch.equal(first.inputs, again.inputs)
-    assert not np.array_equal(first.places, other.places)
+    assert not np.array_equal(first.places, second.places)
     assert first.inputs.dtype == (torch.float16 if sense == "touch" else torch.float32)
     assert min(first.inputs.shape[2:]) >= 16
 

@@ -30,10 +30,10 @@ def compared(first: trimesh.Trimesh, second: trimesh.Trimesh, count: int) -> Lik
 
 
 def test_concentric_spheres():
-    found = compared(sphere(0.3), sphere(0.4), 20_000)
-    assert found.iou == pytest.approx((0.3 / 0.4) ** 3, abs=0.01)
-    assert found.chamfer == pytest.approx(0.1, abs=2e-3)
-    assert found.normal_consistency > 0.99
+    comparison = compared(sphere(0.3), sphere(0.4), 20_000)
+    assert comparison.iou == pytest.approx((0.3 / 0.4) ** 3, abs=0.01)
+    assert comparison.chamfer == pytest.approx(0.1, abs=2e-3)
+    assert comparison.normal_consistency > 0.99
 
 
 def test_moved_sphere():
@@ -80,12 +80,12 @@ class Bowl(torch.nn.Module):
 
 def test_a_thin_wall_is_found_by_asking_few_points():
     bowl = Bowl()
-    found = predicted(bowl, torch.zeros(1, 1), cells=128)[0]
+    mesh = predicted(bowl, torch.zeros(1, 1), cells=128)[0]
     everywhere = grid_points(128)
     dense = surface_of(bowl(None, torch.from_numpy(everywhere))[0].numpy(), 128)
-    assert found.is_watertight
-    assert found.volume == pytest.approx(dense.volume, rel=1e-3)
-    assert found.volume == pytest.approx(2 / 3 * np.pi * (0.41**3 - 0.39**3), rel=0.05)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(dense.volume, rel=1e-3)
+    assert mesh.volume == pytest.approx(2 / 3 * np.pi * (0.41**3 - 0.39**3), rel=0.05)
     assert bowl.asked - len(everywhere) < len(everywhere) / 5
 
 

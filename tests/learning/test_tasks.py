@@ -36,15 +36,15 @@ def test_parameters_are_read_strictly(tmp_path):
 
 def test_what_was_made_is_not_made_again(tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "RUNS", tmp_path)
-    made = []
+    calls = []
 
     def compute():
-        made.append(1)
+        calls.append(1)
         return {"value": np.arange(3)}
 
     for key in ({"unit": "a"}, {"unit": "a"}, {"unit": "b"}):
         assert kept("learning.metrics", key, compute)["value"].tolist() == [0, 1, 2]
-    assert len(made) == 2
+    assert len(calls) == 2
     assert not list(tmp_path.glob("*.partial"))
 
 
@@ -96,9 +96,9 @@ def test_shapes_are_kept_by_their_own_parameters(monkeypatch):
         ).predictions["key"]
 
     settings, small = read_settings(PARAMETERS), read_settings(PARAMETERS.with_name("small.yaml"))
-    others = ("touch_at_vertices", "retrieval", "stand_in", "grasping", "regrasping")
+    sections = ("touch_at_vertices", "retrieval", "stand_in", "grasping", "regrasping")
     assert key_of(settings) == key_of(
-        settings.model_copy(update={name: getattr(small, name) for name in others})
+        settings.model_copy(update={name: getattr(small, name) for name in sections})
     )
     wider = settings.encoder.model_copy(update={"width": 24})
     own = ({"data": small.data}, {"encoder": wider}, {"reconstruction": small.reconstruction})
@@ -116,15 +116,18 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(occupancy, "FAR_POINTS", 20_000)
     monkeypatch.setattr(occupancy, "NEAR_POINTS", 9000)
     objects = Objects(tiny)
-    found = recognition.evaluate(objects, tiny, Here())
-    assert found["chance_percent"] == 25
+    accuracies = recognition.evaluate(objects, tiny, Here())
+    assert accuracies["chance_percent"] == 25
     for senses in ("V", "A", "T", "VAT"):
-        low, high = found["sample"][senses]["interval_percent"]
+        low, high = accuracies["sample"][senses]["interval_percent"]
         assert low <= 25 <= high
-    for row in found["region"]["confusions"].values():
+    for row in accuracies["region"]["confusions"].values():
         assert all(pair["object"] != pair["named"] and pair["tests"] > 0 for pair in row)
-    assert found["sample"]["T"]["worst"]["accuracy_percent"] <= found["sample"]["T"]["accuracy_percent"]
-    for ways in found["pretrained"].values():
+    assert (
+        accuracies["sample"]["T"]["worst"]["accuracy_percent"]
+        <= accuracies["sample"]["T"]["accuracy_percent"]
+    )
+    for ways in accuracies["pretrained"].values():
         assert set(ways) == {"pretrained", "with_own", "with_own_and_neighbours"}
         for figures in ways.values():
             low, high = figures["interval_percent"]
@@ -135,13 +138,13 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     assert retrieved["unseen"] == retrieved["end_to_end"] == {}, "all twins are unseen together"
     assert set(retrieved["at_vertices"]) == {name for name in directions if "T" in name}
     for methods in [*retrieved["seen"].values(), *retrieved["at_vertices"].values()]:
-        for one in methods.values():
-            assert abs(one["map"] - one["chance"]) < 0.2
+        for score in methods.values():
+            assert abs(score["map"] - score["chance"]) < 0.2
     shaped = reconstruction.evaluate(objects, tiny, Here())
     # The mesh of a twin is the object's own: looking it up cannot be told from the measure's floor.
     assert shaped["seen"]["V"]["look_up"]["iou"] == pytest.approx(shaped["floor"]["iou"])
     assert shaped["average_of_others"]["iou"] == 1
-    for name, figures in (("recognition", found), ("retrieval", retrieved), ("reconstruction", shaped)):
+    for name, figures in (("recognition", accuracies), ("retrieval", retrieved), ("reconstruction", shaped)):
         for path, content in (
             (tmp_path / f"{name}.json", figures),
             (settings_path(tmp_path / f"{name}.json"), {"settings": tiny.model_dump()}),

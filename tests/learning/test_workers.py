@@ -34,14 +34,14 @@ def test_a_worker_draws_what_this_process_draws_and_keeps_the_memory_that_it_fre
     place.write_text("kwargs: {n_workers: 1, threads_per_worker: 1}", encoding="utf-8")
     unit = drawn, objects, tiny, "audio", "sample", 0
     with joined(str(place)) as worker:
-        variables, (there, nearest_there) = worker.gather(
+        variables, (worker_splits, worker_nearest) = worker.gather(
             [[worker.submit(os.getenv, name) for name in GLIBC], worker.submit(*unit)]
         )
     assert variables == list(GLIBC.values())
-    here, nearest = Here().submit(*unit)
-    assert nearest_there == nearest
-    for split, part in here.items():
-        np.testing.assert_array_equal(part.inputs, there[split].inputs)
+    splits, nearest = Here().submit(*unit)
+    assert worker_nearest == nearest
+    for split, part in splits.items():
+        np.testing.assert_array_equal(part.inputs, worker_splits[split].inputs)
 
 
 @pytest.mark.release("learning")
@@ -50,7 +50,7 @@ def test_grasps_and_policies_are_the_same_on_any_number_of_workers(bars, tmp_pat
     monkeypatch.setattr(touch_policy, "BATCH_EPISODES", 3)
     monkeypatch.setattr(policy_comparison, "FIXED_MOVES", policy_comparison.FIXED_MOVES[:2])
     monkeypatch.setattr(policy_comparison, "folds_of", lambda objects, settings: [[0, 2], [1, 3]])
-    objects, made = Objects(bars), []
+    objects, results = Objects(bars), []
     (tmp_path / "parted").mkdir()
     monkeypatch.chdir(tmp_path / "parted")
     Worlds(objects).part("a")  # of all four, for they have the same file
@@ -62,8 +62,8 @@ def test_grasps_and_policies_are_the_same_on_any_number_of_workers(bars, tmp_pat
         place.write_text(f"kwargs: {{n_workers: {count}, threads_per_worker: 1}}", encoding="utf-8")
         with joined(str(place)) if count else contextlib.nullcontext(Here()) as several:
             grasps = stability.grasps_of(objects, bars, several)
-            made.append((grasps, policy_comparison.evaluate(objects, bars, several)))
-    (grasps, figures), (other_grasps, other_figures) = made
+            results.append((grasps, policy_comparison.evaluate(objects, bars, several)))
+    (grasps, figures), (other_grasps, other_figures) = results
     assert other_figures == figures
     for name, values in grasps.items():
         np.testing.assert_array_equal(other_grasps[name], values)

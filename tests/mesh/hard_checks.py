@@ -33,12 +33,12 @@ PICTURE = encoded(quarters())
 
 def colours_at(mesh: TexturedMesh, points: np.ndarray, within_m: float = 1e-5) -> np.ndarray:
     """SRGB (n, 3) in 0..255 of the surface nearest to points, which lie on it but for `within_m`."""
-    found = mesh.surface.closest_points(points)
-    assert (found.distance < within_m).all()
+    closest = mesh.surface.closest_points(points)
+    assert (closest.distance < within_m).all()
     result = np.empty((len(points), 3))
-    for index, face in enumerate(found.face):
+    for index, face in enumerate(closest.face):
         corner = mesh.texture_coordinates[face]
-        place = found.barycentric[[index]] @ corner
+        place = closest.barycentric[[index]] @ corner
         result[index] = 255 * bilinear(mesh.textures[mesh.face_texture[face]], place)[0, :3]
     return result
 
@@ -69,10 +69,10 @@ def check(path: Path, truth: Truth) -> Product:
         assert len(product["faces"]) == truth.faces
     if truth.colours:
         points, expected = zip(*truth.colours, strict=True)
-        found = colours_at(
+        colours = colours_at(
             textured_mesh_of(product), np.array(points), max(1e-5, truth.tolerance * max(truth.extents_m))
         )
-        np.testing.assert_allclose(found, expected, atol=1.0)
+        np.testing.assert_allclose(colours, expected, atol=1.0)
     return product
 
 

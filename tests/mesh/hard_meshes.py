@@ -72,14 +72,14 @@ def box_truth(sides: Sequence[float], *, coloured: bool = True, count: int = 1, 
     """What is true of a box about the origin, textured by `quarters` on its top."""
     x, y, z = sides
     points = tuple(((u * x / 2, v * y / 2, z / 2), colour) for colour, (u, v) in QUARTERS.items())
-    given: dict[str, Any] = {
+    defaults: dict[str, Any] = {
         "volume_m3": count * x * y * z,
         "area_m2": count * 2 * (x * y + y * z + z * x),
         "extents_m": (x, y, z),
         "colours": points if coloured else (),
         "components": count,
     }
-    return Truth(**(given | more))
+    return Truth(**(defaults | more))
 
 
 def prism(outline: np.ndarray, height: float) -> tuple[np.ndarray, Polygons]:
@@ -165,9 +165,9 @@ def write_obj_box(
     text = change(obj_text(box(OBJ_SIDES), BOX_QUADS, head=f"mtllib {mtllib}" if mtllib else "", **options))
     path = meshes / "model.obj"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    written = library if isinstance(library, bytes) else library.encode()
+    data = library if isinstance(library, bytes) else library.encode()
     (meshes / library_file).parent.mkdir(parents=True, exist_ok=True)
-    (meshes / library_file).write_bytes(written)
+    (meshes / library_file).write_bytes(data)
     picture = meshes / image
     picture.parent.mkdir(parents=True, exist_ok=True)
     picture.write_bytes(encoded(quarters()))
@@ -297,13 +297,13 @@ def box_primitive(
 ) -> dict[str, Any]:
     """A primitive of a box in single precision; attributes that are given replace its own."""
     positions, coordinates, indices = box_corners(sides)
-    given = dict(attributes)
-    if "POSITION" not in given:
-        given["POSITION"] = writer.accessor(positions.astype("<f4"))
-    if "TEXCOORD_0" not in given:
-        given["TEXCOORD_0"] = writer.accessor(coordinates.astype("<f4"))
+    accessors = dict(attributes)
+    if "POSITION" not in accessors:
+        accessors["POSITION"] = writer.accessor(positions.astype("<f4"))
+    if "TEXCOORD_0" not in accessors:
+        accessors["TEXCOORD_0"] = writer.accessor(coordinates.astype("<f4"))
     primitive: dict[str, Any] = {
-        "attributes": given,
+        "attributes": accessors,
         "indices": writer.accessor(indices.astype("<u2")),
     }
     if material is not None:

@@ -204,11 +204,11 @@ def repeated(data: bytes, random: Random) -> bytes:
 def _replaced(pattern: re.Pattern[bytes], by: tuple[bytes, ...]) -> Mutator:
     def mutate(data: bytes, random: Random) -> bytes:
         for _ in range(int(random.integers(1, 4))):
-            found = list(pattern.finditer(data))
-            if not found:
+            matches = list(pattern.finditer(data))
+            if not matches:
                 return bits_flipped(data, random)
-            one = found[int(random.integers(len(found)))]
-            data = data[: one.start()] + by[int(random.integers(len(by)))] + data[one.end() :]
+            match = matches[int(random.integers(len(matches)))]
+            data = data[: match.start()] + by[int(random.integers(len(by)))] + data[match.end() :]
         return data
 
     return mutate
@@ -236,8 +236,8 @@ def inserted(data: bytes, random: Random) -> bytes:
 def lines_shuffled(data: bytes, random: Random) -> bytes:
     lines = data.split(b"\n")
     some = random.permutation(len(lines))[: int(random.integers(1, len(lines) + 1))]
-    kept = np.sort(some) if random.random() < 0.5 else some
-    return b"\n".join(lines[index] for index in kept)
+    rows = np.sort(some) if random.random() < 0.5 else some
+    return b"\n".join(lines[index] for index in rows)
 
 
 def tree_changed(data: bytes, random: Random) -> bytes:
@@ -256,9 +256,9 @@ def tree_changed(data: bytes, random: Random) -> bytes:
         if choice < 0.25 and isinstance(holder, dict):
             del holder[key]
         elif choice < 0.5:
-            other, name = spots[int(random.integers(len(spots)))]
-            if name in other if isinstance(other, dict) else name < len(other):
-                holder[key] = json.loads(json.dumps(other[name]))
+            source, name = spots[int(random.integers(len(spots)))]
+            if name in source if isinstance(source, dict) else name < len(source):
+                holder[key] = json.loads(json.dumps(source[name]))
         else:
             holder[key] = odd[int(random.integers(len(odd)))]
     return json.dumps(tree).encode()

@@ -50,30 +50,30 @@ def read_in_processes(objects: Sequence[dict[str, str]]) -> list[dict[str, Any]]
 
 def _read_in_processes(objects: Sequence[dict[str, str]], folder: str) -> list[dict[str, Any]]:
     """Read objects in child processes that work in an empty folder."""
-    found: list[dict[str, Any]] = []
-    while len(found) < len(objects):
-        left = objects[len(found) :]
+    reports: list[dict[str, Any]] = []
+    while len(reports) < len(objects):
+        rest = objects[len(reports) :]
         child = subprocess.run(
             [sys.executable, __file__, str(CPU_S), folder],
-            input="".join(json.dumps(one) + "\n" for one in left),
+            input="".join(json.dumps(entry) + "\n" for entry in rest),
             capture_output=True,
             text=True,
-            timeout=WALL_S * len(left) + 60,
+            timeout=WALL_S * len(rest) + 60,
             env=os.environ
             | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"},
             cwd=Path(__file__).parents[2],
             check=False,
         )
         lines = [json.loads(line) for line in child.stdout.splitlines()]
-        found += [dict(one) | line for one, line in zip(left, lines, strict=False)]
-        if len(lines) < len(left):
+        reports += [dict(entry) | line for entry, line in zip(rest, lines, strict=False)]
+        if len(lines) < len(rest):
             said = f"the process ended with {child.returncode}: {child.stderr[-3000:]}"
             if not lines and child.returncode == 1:
                 raise RuntimeError(said)
-            found.append(
-                dict(left[len(lines)]) | {"outcome": "ended", "said": said, "outside": [], "memory": False}
+            reports.append(
+                dict(rest[len(lines)]) | {"outcome": "ended", "said": said, "outside": [], "memory": False}
             )
-    return found
+    return reports
 
 
 def _main() -> None:
@@ -83,7 +83,7 @@ def _main() -> None:
     from objectfolder.making.mesh.readers.load import source_files
 
     objects = [json.loads(line) for line in sys.stdin]
-    if objects and any(one["archive"] for one in objects):
+    if objects and any(entry["archive"] for entry in objects):
         from pipeline.intake.sources.unpacking import unpack
     _warm_up(ingest_object)
     os.chdir(sys.argv[2])
@@ -98,18 +98,18 @@ def _main() -> None:
     sys.addaudithook(watch)
     size = _virtual_bytes()
     resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_BYTES, size + MEMORY_BYTES))
-    for one in objects:
+    for entry in objects:
         touched.clear()
-        allowed[:] = [os.path.abspath(one["folder"])]
+        allowed[:] = [os.path.abspath(entry["folder"])]
         signal.setitimer(signal.ITIMER_PROF, float(sys.argv[1]))
         faulthandler.dump_traceback_later(WALL_S, exit=True)
         start, outcome, said, memory = time.process_time(), "mesh", "", False
         watching[0] = True
         try:
-            if one["archive"]:
-                unpack(Path(one["archive"]), Path(one["folder"]) / "unpacked")
-            source_files(Path(one["mesh"]))
-            product = ingest_object(Path(one["mesh"]), object_id="stranger")
+            if entry["archive"]:
+                unpack(Path(entry["archive"]), Path(entry["folder"]) / "unpacked")
+            source_files(Path(entry["mesh"]))
+            product = ingest_object(Path(entry["mesh"]), object_id="stranger")
             said = f"{len(product['faces'])} faces"
         except (InputError, FormatError) as problem:
             outcome, said = "refused", str(problem)

@@ -27,13 +27,13 @@ def revolved_arrays(
     vertices = [[0.0, 0.0, first[1]]]
     vertices += [[r * np.cos(t), r * np.sin(t), z] for r, z in rings for t in turn]
     vertices += [[0.0, 0.0, last[1]]]
-    here, beside = np.arange(sectors), (np.arange(sectors) + 1) % sectors
-    faces = [np.stack([np.zeros_like(here), 1 + beside, 1 + here], axis=1)]
+    sector, beside = np.arange(sectors), (np.arange(sectors) + 1) % sectors
+    faces = [np.stack([np.zeros_like(sector), 1 + beside, 1 + sector], axis=1)]
     for ring in range(len(rings) - 1):
-        a, b = 1 + ring * sectors + here, 1 + ring * sectors + beside
+        a, b = 1 + ring * sectors + sector, 1 + ring * sectors + beside
         faces += [np.stack([a, b, a + sectors], axis=1), np.stack([b, b + sectors, a + sectors], axis=1)]
     top = 1 + (len(rings) - 1) * sectors
-    faces += [np.stack([np.full_like(here, len(vertices) - 1), top + here, top + beside], axis=1)]
+    faces += [np.stack([np.full_like(sector, len(vertices) - 1), top + sector, top + beside], axis=1)]
     return np.array(vertices), np.concatenate(faces)
 
 

@@ -192,8 +192,8 @@ def test_cleaning_does_not_depend_on_the_order_of_vertices(seed):
     order = np.random.default_rng(seed + 1).permutation(len(mesh.vertices))
     permuted = bare_mesh(mesh.vertices[order], np.argsort(order)[mesh.faces])
     expected, expected_report = clean(mesh)
-    found, report = clean(permuted)
-    np.testing.assert_array_equal(sorted_triangles(found), sorted_triangles(expected))
+    result, report = clean(permuted)
+    np.testing.assert_array_equal(sorted_triangles(result), sorted_triangles(expected))
     assert report == expected_report
 
 

@@ -64,10 +64,10 @@ def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, caps
     assert main([*command, "--no-preview", "--decimate", "600"]) == 0
     said = re.search(r"decimated from (\d+) to (\d+) faces: .* within (\S+) mm", capsys.readouterr().out)
     ((_, row),) = read_rows(table)[1]
-    read = load_mesh(tmp_path / row["mesh"])
-    assert (int(said[1]), int(said[2])) == (2 * ROUND * ROWS, len(read.faces))
-    assert 590 <= len(read.faces) <= 600
-    mesh, _ = clean(read)
+    decimation = load_mesh(tmp_path / row["mesh"])
+    assert (int(said[1]), int(said[2])) == (2 * ROUND * ROWS, len(decimation.faces))
+    assert 590 <= len(decimation.faces) <= 600
+    mesh, _ = clean(decimation)
     assert mesh.surface.topology.watertight
     inward = RADIUS - np.linalg.norm(mesh.surface.sample(2000, 0).points, axis=1)
     assert float(said[3]) == pytest.approx(1e3 * inward.max(), rel=0.3)
@@ -77,7 +77,7 @@ def test_a_mesh_is_decimated_as_it_is_built_or_added(tmp_path, monkeypatch, caps
     )
     image = quarters(256)
     expected = image[(256 * (1 - v)).astype(int), (256 * u).astype(int)]
-    np.testing.assert_allclose(colours_at(read, on_sphere(u, v), 0.002), expected, atol=2)
+    np.testing.assert_allclose(colours_at(decimation, on_sphere(u, v), 0.002), expected, atol=2)
 
 
 def test_too_few_faces_are_refused(tmp_path: Path, capsys):

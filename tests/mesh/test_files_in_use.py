@@ -130,7 +130,7 @@ def test_indices_that_others_take(tmp_path, change):
 
 
 def test_colours_of_some_vertices(tmp_path):
-    text = lines_of_box(lambda lines: [*(f"{one} 1 0 0" for one in lines[:4]), *lines[4:]])
+    text = lines_of_box(lambda lines: [*(f"{line} 1 0 0" for line in lines[:4]), *lines[4:]])
     mesh = load_mesh(write_text(tmp_path / "model.obj", text))
     corners = np.array([[0.05, 0.04, -0.03], [0.05, 0.04, 0.03]]) * 0.999
     np.testing.assert_allclose(colours_at(mesh, corners, 1e-3), [[255, 0, 0], [204, 204, 204]], atol=2)

@@ -48,12 +48,12 @@ def quantised(positions: str, coordinates: str, *, normalised: bool) -> Make:
     """Positions in steps of a whole type, brought back by the node; coordinates likewise."""
 
     def change(writer: GltfWriter, primitive: dict[str, Any]) -> None:
-        given, uv, _ = box_corners(OBJ_SIDES)
+        corners, uv, _ = box_corners(OBJ_SIDES)
         dtype = np.dtype(positions)
         most = np.iinfo(dtype).max
         low = -most if dtype.kind == "i" else 0
         span = 0.1 / (most - low)
-        whole = np.round((given + 0.05) / span) + low
+        whole = np.round((corners + 0.05) / span) + low
         primitive["attributes"]["POSITION"] = writer.accessor(whole.astype(dtype), normalized=normalised)
         unit = most if normalised else 1.0
         writer.header["nodes"][0] |= {
@@ -75,9 +75,9 @@ def compressed(writer: GltfWriter, primitive: dict[str, Any], *, required: bool 
     """The primitive by Draco alone."""
     import DracoPy
 
-    given, uv, indices = box_corners(OBJ_SIDES)
+    corners, uv, indices = box_corners(OBJ_SIDES)
     data = DracoPy.encode(
-        given.astype("<f4"), indices.reshape(-1, 3).astype(np.uint32), tex_coord=uv.astype(np.float64),
+        corners.astype("<f4"), indices.reshape(-1, 3).astype(np.uint32), tex_coord=uv.astype(np.float64),
         preserve_order=True, quantization_bits=16, compression_level=7,
     )  # fmt: skip
     decoded = DracoPy.decode(data)
@@ -87,7 +87,7 @@ def compressed(writer: GltfWriter, primitive: dict[str, Any], *, required: bool 
         "KHR_draco_mesh_compression": {"bufferView": writer.view(data), "attributes": attributes}
     }
     primitive["attributes"] = {
-        "POSITION": writer.accessor(given.astype("<f4"), view=-1),
+        "POSITION": writer.accessor(corners.astype("<f4"), view=-1),
         "TEXCOORD_0": writer.accessor(uv.astype("<f4"), view=-1),
     }
     primitive["indices"] = writer.accessor(indices.astype("<u2"), view=-1)
@@ -102,15 +102,19 @@ def sparse(*, with_base: bool) -> Make:
     """Positions stored as zeros, or as another box, and overwritten by a sparse accessor."""
 
     def change(writer: GltfWriter, primitive: dict[str, Any]) -> None:
-        given, _, _ = box_corners(OBJ_SIDES)
-        wanted = given.astype("<f4")
-        base = np.where(np.arange(24)[:, None] % 3 == 0, wanted, 7).astype("<f4") if with_base else 0 * wanted
-        rows = np.flatnonzero((base != wanted).any(axis=1))
+        corners, _, _ = box_corners(OBJ_SIDES)
+        positions = corners.astype("<f4")
+        base = (
+            np.where(np.arange(24)[:, None] % 3 == 0, positions, 7).astype("<f4")
+            if with_base
+            else 0 * positions
+        )
+        rows = np.flatnonzero((base != positions).any(axis=1))
         index = writer.accessor(base, view=None if with_base else -1)
         writer.header["accessors"][index]["sparse"] = {
             "count": len(rows),
             "indices": {"bufferView": writer.view(rows.astype("<u2").tobytes()), "componentType": 5123},
-            "values": {"bufferView": writer.view(wanted[rows].tobytes())},
+            "values": {"bufferView": writer.view(positions[rows].tobytes())},
         }
         primitive["attributes"]["POSITION"] = index
 
@@ -122,8 +126,8 @@ def moved_texture(writer: GltfWriter, primitive: dict[str, Any]) -> None:
     _, uv, _ = box_corners(OBJ_SIDES)
     scale, shift = np.array([2.0, 4.0]), np.array([0.25, 0.75])
     # Of uv' = R S uv + t with R = [[0, 1], [-1, 0]]: u' = s1 v + t0, v' = -s0 u + t1.
-    wanted = uv - shift
-    stored = np.stack([-wanted[:, 1] / scale[0], wanted[:, 0] / scale[1]], axis=1)
+    target = uv - shift
+    stored = np.stack([-target[:, 1] / scale[0], target[:, 0] / scale[1]], axis=1)
     primitive["attributes"]["TEXCOORD_0"] = writer.accessor(stored.astype("<f4"))
     said = {"offset": shift.tolist(), "rotation": np.pi / 2, "scale": scale.tolist()}
     base = writer.header["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]
@@ -388,8 +392,8 @@ def painted_texture(writer: GltfWriter, primitive: dict[str, Any]) -> None:
 
 
 def coarse(writer: GltfWriter, primitive: dict[str, Any]) -> None:
-    given, _, _ = box_corners(OBJ_SIDES)
-    primitive["attributes"]["POSITION"] = writer.accessor((given + np.array([4e4, 0, 0])).astype("<f4"))
+    corners, _, _ = box_corners(OBJ_SIDES)
+    primitive["attributes"]["POSITION"] = writer.accessor((corners + np.array([4e4, 0, 0])).astype("<f4"))
 
 
 def tampered(**entries: Any) -> Callable[[GltfWriter, dict[str, Any]], None]:

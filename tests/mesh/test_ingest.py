@@ -111,8 +111,8 @@ def test_crossing_bars_count_their_overlap_once(tmp_path):
         assert solid["volume_m3"] == pytest.approx(2 * long - core, rel=tolerance)
         assert abs(solid["volume_m3"] - (2 * long - core)) <= 4 * solid["volume_uncertainty_m3"] + 1e-15
         np.testing.assert_allclose(solid["centre_of_mass_m"], 0.3, atol=1e-5)
-        found = rotation.T @ np.array(solid["inertia_per_density_m5"]) @ rotation
-        np.testing.assert_allclose(found, inertia, atol=tolerance * around)
+        upright_inertia = rotation.T @ np.array(solid["inertia_per_density_m5"]) @ rotation
+        np.testing.assert_allclose(upright_inertia, inertia, atol=tolerance * around)
 
 
 def test_equal_inputs_give_equal_bytes(tmp_path):
@@ -202,7 +202,7 @@ def flagged(
 ) -> dict[str, set[str]]:
     """Scans with a finding about walls, by their class."""
     materials = read_materials(REPOSITORY / "data" / "materials.csv")
-    found: dict[str, set[str]] = {row["class"]: set() for row in classes.values()}
+    scans: dict[str, set[str]] = {row["class"]: set() for row in classes.values()}
     for object_id, (material, attributes) in ingested.items():
         mass = classes[object_id]["mass_kg"]
         findings = wall_findings(
@@ -211,9 +211,12 @@ def flagged(
             density_kg_m3=materials[material].density_kg_m3,
             mass_kg=float(mass) if mass and by_mass else None,
         )
-        if any(one.kind in (TOO_THICK, ONE_LAYER, THIN) and one.certainty in certainties for one in findings):
-            found[classes[object_id]["class"]].add(object_id)
-    return found
+        if any(
+            finding.kind in (TOO_THICK, ONE_LAYER, THIN) and finding.certainty in certainties
+            for finding in findings
+        ):
+            scans[classes[object_id]["class"]].add(object_id)
+    return scans
 
 
 @pytest.mark.release("objectfolder.making.mesh")
@@ -232,9 +235,9 @@ def test_walls_of_real_scans_that_cannot_be_are_found(ingested, classes):
     assert (len(hints["container"]), len(hints["filled"]), len(hints["hollow"])) == (12, 2, 9)
     assert all(object_id.startswith("Schleich_") for object_id in hints["right"])
 
-    known = flagged(ingested, classes, SURE, by_material=True, by_mass=True)
-    assert (len(known["container"]), known["hollow"]) == (5, {"011_banana", "013_apple"})
-    assert known["right"] == set()
+    masses = flagged(ingested, classes, SURE, by_material=True, by_mass=True)
+    assert (len(masses["container"]), masses["hollow"]) == (5, {"011_banana", "013_apple"})
+    assert masses["right"] == set()
 
 
 def test_a_mesh_that_no_object_file_holds_is_refused(tmp_path):

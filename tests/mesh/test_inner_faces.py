@@ -108,9 +108,9 @@ def test_a_fin_a_hollow_and_an_opening_stay(subtests):
 
 
 def test_solids_that_touch_at_a_corner_each_keep_their_outside():
-    one, other = walls([0, 0.03, 0.06]), walls([0.06, 0.09, 0.12])
-    moved = [(vertices + np.array([0.1, 0.08, 0]), faces) for vertices, faces in other]
-    mesh, report = clean(bare_mesh(*joined(*one, *moved)))
+    first, second = walls([0, 0.03, 0.06]), walls([0.06, 0.09, 0.12])
+    moved = [(vertices + np.array([0.1, 0.08, 0]), faces) for vertices, faces in second]
+    mesh, report = clean(bare_mesh(*joined(*first, *moved)))
     assert report.inner_faces_dropped == 4
     assert mesh.surface.topology.watertight
     assert solid_properties(mesh.vertices, mesh.faces).volume_m3 == pytest.approx(2 * VOLUME)

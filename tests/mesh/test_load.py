@@ -60,11 +60,11 @@ def test_custom_and_split_normals_of_an_obj_are_those_of_its_corners(tmp_path):
 def test_normals_turn_with_faces_that_are_reversed():
     inside_out = cube()
     outwards = np.sign(inside_out.vertices - inside_out.vertices.mean(axis=0))[inside_out.faces]
-    given = replace(inside_out, faces=inside_out.faces[:, ::-1], normals=-outwards[:, ::-1])
-    np.testing.assert_allclose(clean(given)[0].normals, outwards / np.sqrt(3), atol=1e-6)
+    mesh = replace(inside_out, faces=inside_out.faces[:, ::-1], normals=-outwards[:, ::-1])
+    np.testing.assert_allclose(clean(mesh)[0].normals, outwards / np.sqrt(3), atol=1e-6)
     # A file may say outwards with its normals and inwards with the order of corners.
-    given = replace(given, normals=outwards[:, ::-1])
-    np.testing.assert_allclose(clean(given)[0].normals, outwards / np.sqrt(3), atol=1e-6)
+    mesh = replace(mesh, normals=outwards[:, ::-1])
+    np.testing.assert_allclose(clean(mesh)[0].normals, outwards / np.sqrt(3), atol=1e-6)
 
 
 def test_normals_of_vertices_of_a_ply(tmp_path):

@@ -22,23 +22,25 @@ QUICK, ALL = range(72), range(72, 500)
 
 def held(objects: list[dict[str, str]]) -> list[dict[str, Any]]:
     """What became of objects, none of which did harm."""
-    found = read_in_processes(objects)
-    assert len(found) == len(objects)
+    reports = read_in_processes(objects)
+    assert len(reports) == len(objects)
     wrong = [
-        one for one in found if one["outcome"] not in ("mesh", "refused") or one["outside"] or one["memory"]
+        report
+        for report in reports
+        if report["outcome"] not in ("mesh", "refused") or report["outside"] or report["memory"]
     ]
     assert not wrong, "\n\n".join(
-        f"{one['name']}: {one['outcome']} {one['outside']} {one['said']}" for one in wrong[:5]
+        f"{report['name']}: {report['outcome']} {report['outside']} {report['said']}" for report in wrong[:5]
     )
-    return found
+    return reports
 
 
 def mutated(folder: Path, seeds: range) -> list[dict[str, str]]:
     objects = []
     for seed in seeds:
-        one = write_mutated(folder / str(seed), seed)
-        name = f"seed {seed}, {one['kind']} ({one['done']})"
-        objects.append(one | {"name": name, "folder": str(folder / str(seed) / "object")})
+        mutation = write_mutated(folder / str(seed), seed)
+        name = f"seed {seed}, {mutation['kind']} ({mutation['done']})"
+        objects.append(mutation | {"name": name, "folder": str(folder / str(seed) / "object")})
     return objects
 
 
@@ -71,8 +73,8 @@ def test_some_mutated_files_of_every_kind(tmp_path):
 
 @pytest.mark.release("objectfolder.making.mesh")
 def test_many_mutated_files(tmp_path):
-    found = held(mutated(tmp_path, ALL))
-    assert len(found) + len(QUICK) == 500
+    reports = held(mutated(tmp_path, ALL))
+    assert len(reports) + len(QUICK) == 500
 
 
 @pytest.mark.slow
@@ -82,7 +84,7 @@ def test_files_that_ask_for_too_much(tmp_path):
         folder = tmp_path / str(number) / "object"
         mesh = build(folder)
         objects.append({"name": name, "folder": str(folder), "mesh": str(mesh), "archive": ""})
-    outcomes = {one["name"]: one["outcome"] for one in held(objects)}
+    outcomes = {report["name"]: report["outcome"] for report in held(objects)}
     assert outcomes["deep nodes"] == "mesh"
     assert outcomes["nodes that double"] == "refused"
     assert outcomes["PNG of 8192 x 8192, black"] == "mesh"
@@ -121,8 +123,8 @@ def test_the_process_tells_of_what_goes_wrong(tmp_path, monkeypatch):
     )
     monkeypatch.setenv("PYTHONPATH", f"{traps}:{Path(__file__).parents[2]}")
     monkeypatch.setattr("reading_process.CPU_S", 0.5)
-    found = read_in_processes(objects)
-    assert found[0]["outside"] == ["open '/etc/passwd'"]
-    assert found[1]["outcome"] == "failed"
-    assert "ValueError: trap" in found[1]["said"]
-    assert found[2]["outcome"] == "ended"
+    reports = read_in_processes(objects)
+    assert reports[0]["outside"] == ["open '/etc/passwd'"]
+    assert reports[1]["outcome"] == "failed"
+    assert "ValueError: trap" in reports[1]["said"]
+    assert reports[2]["outcome"] == "ended"

@@ -103,9 +103,9 @@ def test_gltf_roughness_is_green_metallic_is_blue_and_factors_multiply(tmp_path)
 
 
 def test_gltf_factors_count_where_written_and_defaults_are_the_materials(tmp_path):
-    written = load_mesh(write_gltf(tmp_path / "a.gltf", material={"roughnessFactor": 0.2}))
-    np.testing.assert_array_equal(written.roughness_maps[0], [[51]])
-    assert written.metallic_maps == {}
+    mesh = load_mesh(write_gltf(tmp_path / "a.gltf", material={"roughnessFactor": 0.2}))
+    np.testing.assert_array_equal(mesh.roughness_maps[0], [[51]])
+    assert mesh.metallic_maps == {}
     silent = load_mesh(write_gltf(tmp_path / "b.gltf"))
     assert (silent.roughness_maps, silent.metallic_maps) == ({}, {})
 
@@ -166,11 +166,11 @@ def test_normals_survive_the_product_and_change_its_digest(tmp_path):
     )  # fmt: skip
     product = ingest_object(path, object_id="leaf")
     write_product(tmp_path / "leaf.zarr.zip", product)
-    found = textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
-    np.testing.assert_array_equal(found.normal_maps[0], NORMALS)
+    product_mesh = textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
+    np.testing.assert_array_equal(product_mesh.normal_maps[0], NORMALS)
     (tmp_path / "bumps.png").write_bytes(png(NORMALS[..., [1, 0, 2]]))
-    other = ingest_object(path, object_id="leaf")
-    assert other.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
+    variant = ingest_object(path, object_id="leaf")
+    assert variant.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
 
 
 def test_gltf_texture_on_a_second_set_of_coordinates_is_refused(tmp_path):
@@ -209,22 +209,22 @@ def test_maps_survive_the_product_and_change_its_digest(tmp_path):
     (tmp_path / "texture.png").write_bytes(png(SHEER))
     product = ingest_object(path, object_id="leaf")
     write_product(tmp_path / "leaf.zarr.zip", product)
-    mesh, found = load_mesh(path), textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
-    assert found.alpha_cutoffs == {0: 0.3}
-    np.testing.assert_array_equal(found.textures[0], mesh.textures[0])
-    np.testing.assert_array_equal(found.roughness_maps[0], LAYERS[..., 1])
-    np.testing.assert_array_equal(found.metallic_maps[0], LAYERS[..., 2])
+    mesh, product_mesh = load_mesh(path), textured_mesh_of(read_product(tmp_path / "leaf.zarr.zip"))
+    assert product_mesh.alpha_cutoffs == {0: 0.3}
+    np.testing.assert_array_equal(product_mesh.textures[0], mesh.textures[0])
+    np.testing.assert_array_equal(product_mesh.roughness_maps[0], LAYERS[..., 1])
+    np.testing.assert_array_equal(product_mesh.metallic_maps[0], LAYERS[..., 2])
     (tmp_path / "layers.png").write_bytes(png(LAYERS[::-1]))
-    other = ingest_object(path, object_id="leaf")
-    assert other.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
-    assert other.attributes["digests"]["geometry"] == product.attributes["digests"]["geometry"]
+    variant = ingest_object(path, object_id="leaf")
+    assert variant.attributes["digests"]["texture"] != product.attributes["digests"]["texture"]
+    assert variant.attributes["digests"]["geometry"] == product.attributes["digests"]["geometry"]
 
 
 def test_alpha_of_another_size_keeps_its_values():
     texture, alpha = np.zeros((4, 2, 4), dtype=np.uint8), np.array([[10, 20], [30, 40]], dtype=np.uint8)
-    joined = with_alpha(texture, alpha)
-    assert joined.shape == (4, 2, 4)
-    np.testing.assert_array_equal(joined[..., 3], alpha.repeat(2, axis=0))
+    rgba = with_alpha(texture, alpha)
+    assert rgba.shape == (4, 2, 4)
+    np.testing.assert_array_equal(rgba[..., 3], alpha.repeat(2, axis=0))
     np.testing.assert_array_equal(with_alpha(texture[:1, :1], alpha)[..., 3], alpha)
 
 
@@ -234,11 +234,11 @@ def test_alpha_of_another_size_keeps_its_values():
 )  # fmt: skip
 def test_bilinear_lookup_repeats_and_stays_within_the_texels(u, v, repeats, size, seed):
     image = np.random.default_rng(seed).integers(0, 256, (*size, 4), dtype=np.uint8)
-    here = bilinear(image, np.array([[u, v]]))
+    colour = bilinear(image, np.array([[u, v]]))
     again = bilinear(image, np.array([[u, v]]) + repeats)
-    np.testing.assert_allclose(here, again, atol=1e-5)
-    assert (here >= image.min(axis=(0, 1)) / 255 - 1e-6).all()
-    assert (here <= image.max(axis=(0, 1)) / 255 + 1e-6).all()
+    np.testing.assert_allclose(colour, again, atol=1e-5)
+    assert (colour >= image.min(axis=(0, 1)) / 255 - 1e-6).all()
+    assert (colour <= image.max(axis=(0, 1)) / 255 + 1e-6).all()
 
 
 def test_bilinear_lookup_is_exact_at_texel_centres_and_half_way_between():

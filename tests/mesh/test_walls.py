@@ -30,8 +30,8 @@ STEEL = {"material": "steel", "density_kg_m3": 7850.0}
 PLASTIC = {"material": "plastic", "density_kg_m3": 1070.0}
 
 
-def kinds(measures: WallMeasures, **known: object) -> list[tuple[str, str]]:
-    return [(finding.kind, finding.certainty) for finding in wall_findings(measures, **known)]
+def kinds(measures: WallMeasures, **properties: object) -> list[tuple[str, str]]:
+    return [(finding.kind, finding.certainty) for finding in wall_findings(measures, **properties)]
 
 
 def test_a_shell_of_known_thickness_is_measured():

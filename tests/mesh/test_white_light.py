@@ -117,10 +117,10 @@ def test_base_colours_are_those_of_a_render_under_white_light(tmp_path, subtests
     pixel = x / WIDTH
     across = (np.arange(WIDTH) + 0.5 - WIDTH / 2) * pixel
     upwards = (HEIGHT / 2 - np.arange(HEIGHT) - 0.5) * pixel
-    seen = np.abs(upwards) < height / 2
-    points = np.stack(np.broadcast_arrays(across[None], -depth / 2, upwards[seen][:, None]), axis=-1)
+    rows = np.abs(upwards) < height / 2
+    points = np.stack(np.broadcast_arrays(across[None], -depth / 2, upwards[rows][:, None]), axis=-1)
     for kind, (path, image) in zip(KINDS, jobs, strict=True):
         with subtests.test(kind=kind.__name__):
-            rendered = np.asarray(Image.open(image).convert("RGB"))[seen].reshape(-1, 3)
-            read = colours_at(load_mesh(path), points.reshape(-1, 3))
-            np.testing.assert_allclose(read, rendered, atol=2)
+            rendered = np.asarray(Image.open(image).convert("RGB"))[rows].reshape(-1, 3)
+            colours = colours_at(load_mesh(path), points.reshape(-1, 3))
+            np.testing.assert_allclose(colours, rendered, atol=2)

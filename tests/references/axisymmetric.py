@@ -159,10 +159,10 @@ class Discretisation:
             unknown = (3 * nodes[:, None] + np.arange(3)).ravel()
             rows.append(np.repeat(unknown, 3 * count))
             columns.append(np.tile(unknown, 3 * count))
-            for kept, matrix in zip(
+            for entries, matrix in zip(
                 values, (b0.T @ stress0, cross + cross.T, b1.T @ stress1, mass), strict=True
             ):
-                kept.append(matrix.ravel())
+                entries.append(matrix.ravel())
         size = 3 * len(self.positions)
         place = (np.concatenate(rows), np.concatenate(columns))
         built = [sparse.coo_matrix((np.concatenate(v), place), shape=(size, size)).tocsc() for v in values]
@@ -212,7 +212,7 @@ def modes_of_order(
         When they are not as many as the inertia of K - limit^2 M says.
     """
     size = stiffness.shape[0]
-    wanted = 10 + rigid
+    count = 10 + rigid
     if size < 400:
         values = eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)
         return np.sqrt(np.maximum(values[rigid : np.searchsorted(values, limit**2)], 0.0))
@@ -222,19 +222,21 @@ def modes_of_order(
     start = np.random.default_rng(0).standard_normal(size)
     while True:
         values = np.sort(
-            eigsh(stiffness, wanted, mass, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)
+            eigsh(stiffness, count, mass, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)
         )
         if values[-1] > 1.02 * limit**2:
             break
-        wanted *= 2
+        count *= 2
     for nudge in NUDGES:
         bound = limit**2 * (1 + nudge)
         pivots = _factorise(stiffness - bound * mass)
         if np.array_equal(pivots.perm_r, pivots.perm_c):
             counted = int(np.count_nonzero(pivots.U.diagonal() < 0))
-            found = int(np.count_nonzero(values < bound))
-            if counted != found:
-                raise SimulationError(where, f"{found} modes found, {counted} counted", "Change the limit.")
+            solution_count = int(np.count_nonzero(values < bound))
+            if counted != solution_count:
+                raise SimulationError(
+                    where, f"{solution_count} modes found, {counted} counted", "Change the limit."
+                )
             break
     else:
         raise SimulationError(where, "the count of modes failed", "Change the limit.")

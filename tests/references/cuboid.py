@@ -117,27 +117,27 @@ class EdgeFunctions:
         functions: list[Floats] = []
         slopes: list[Floats] = []
         for index, (start, end, order) in enumerate(pieces):
-            here = slice(index * count, (index + 1) * count)
+            span = slice(index * count, (index + 1) * count)
             for term in range(order + 1):
                 value, slope = np.zeros(count * len(pieces)), np.zeros(count * len(pieces))
                 if len(pieces) == 1 and term % 2 != parity:
                     continue  # on the whole edge: even or odd powers
                 if len(pieces) == 1:
                     series = np.eye(term + 1)[term]
-                    value[here] = legendre.legval((nodes + 1) / 2, series)
-                    slope[here] = legendre.legval((nodes + 1) / 2, legendre.legder(series)) / end
+                    value[span] = legendre.legval((nodes + 1) / 2, series)
+                    slope[span] = legendre.legval((nodes + 1) / 2, legendre.legder(series)) / end
                 elif term < 2:
                     # Two half hats at the common point are one function.
-                    value[here] = (1 - nodes) / 2 if term == 0 else (1 + nodes) / 2
-                    slope[here] = (2 * term - 1) / (end - start)
+                    value[span] = (1 - nodes) / 2 if term == 0 else (1 + nodes) / 2
+                    slope[span] = (2 * term - 1) / (end - start)
                     if index == 1 and term == 0:
                         functions[1] += value
                         slopes[1] += slope
                         continue
                 else:
                     bubble = legendre.legint(np.eye(term)[term - 1], lbnd=-1)
-                    value[here] = legendre.legval(nodes, bubble)
-                    slope[here] = legendre.legval(nodes, legendre.legder(bubble)) * 2 / (end - start)
+                    value[span] = legendre.legval(nodes, bubble)
+                    slope[span] = legendre.legval(nodes, legendre.legder(bubble)) * 2 / (end - start)
                 functions.append(value)
                 slopes.append(slope)
         if len(pieces) > 1 and parity:
@@ -180,12 +180,12 @@ def class_stiffness(lengths: Lengths, poisson_ratio: float, degree: int, parity:
 
 def _wavenumbers(lengths: Lengths, poisson_ratio: float, limit: float, degree: int) -> list[Floats]:
     """Elastic wavenumbers of each of the eight classes below `limit`."""
-    known: dict[tuple[tuple[float, int], ...], Floats] = {}
+    spectra: dict[tuple[tuple[float, int], ...], Floats] = {}
     classes = []
     for parity in PARITIES:
         # Classes that differ by an exchange of equal edges have the same modes.
         key = tuple(sorted(zip(lengths, parity, strict=True)))
-        if key not in known:
+        if key not in spectra:
             stiffness = class_stiffness(lengths, poisson_ratio, degree, parity)
             if len(stiffness) > MOST_UNKNOWNS:
                 raise SimulationError(
@@ -193,15 +193,15 @@ def _wavenumbers(lengths: Lengths, poisson_ratio: float, limit: float, degree: i
                 )
             rigid = 1 if sum(parity) in (1, 2) else 0  # a translation, a rotation
             squared = _below(stiffness, limit**2)[rigid:]
-            known[key] = np.sqrt(squared)
-        classes.append(known[key])
+            spectra[key] = np.sqrt(squared)
+        classes.append(spectra[key])
     return classes
 
 
 def _below(matrix: Floats, limit: float) -> Floats:
     """Eigenvalues of a symmetric matrix below `limit`, ascending."""
     size = len(matrix)
-    wanted = 12
+    count = 12
     if size > 400:
         shift = 0.05 * limit
         shifted = matrix.copy()
@@ -209,13 +209,13 @@ def _below(matrix: Floats, limit: float) -> Floats:
         factors = cho_factor(shifted, lower=True, overwrite_a=True)
         inverse = LinearOperator((size, size), matvec=lambda x: cho_solve(factors, x), dtype=np.float64)
         start = np.random.default_rng(0).standard_normal(size)
-        while wanted < size // 4:
+        while count < size // 4:
             values = np.sort(
-                eigsh(matrix, wanted, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)
+                eigsh(matrix, count, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)
             )
             if values[-1] > limit:
                 return values[values < limit]
-            wanted *= 2
+            count *= 2
     return eigh(matrix, eigvals_only=True, subset_by_value=(-np.inf, limit))
 
 

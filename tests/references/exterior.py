@@ -49,9 +49,9 @@ def radiated(surface: Surface, velocity: Floats, wavenumber: float, places: Floa
     pressures = lu_solve(lu_factor(matrix), -loads @ velocity)
     single = potential.helmholtz.single_layer(constant, places.T, k)
     double = potential.helmholtz.double_layer(linear, places.T, k)
-    found = []
+    fields = []
     for pressure, slope in zip(pressures.T, velocity.T, strict=True):
         dipoles = double.evaluate(bempp.GridFunction(linear, coefficients=pressure))
         sources = single.evaluate(bempp.GridFunction(constant, coefficients=slope.astype(complex)))
-        found.append((dipoles - sources)[0])
-    return np.stack(found, axis=1)
+        fields.append((dipoles - sources)[0])
+    return np.stack(fields, axis=1)

@@ -44,7 +44,9 @@ def pan() -> Body:
     return _vessel("pan", "iron", 0.004, ((0.075, 0), (0.02, 70), (0.03, 0)))
 
 
-BODIES: dict[str, Callable[[], Body]] = {one.__name__: one for one in (vase, tumbler, dish, gong, cone, pan)}
+BODIES: dict[str, Callable[[], Body]] = {
+    body.__name__: body for body in (vase, tumbler, dish, gong, cone, pan)
+}
 # Edges in metres, material, and whether it is turned in space.
 CUBOIDS: dict[str, tuple[tuple[float, float, float], str, bool]] = {
     "chime": ((0.12, 0.03, 0.01), "iron", False),

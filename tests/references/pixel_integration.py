@@ -64,8 +64,8 @@ def integrate_pixels(
     # What is uneven is seen in the neighbours, too: the window is one pixel wider.
     first_row, first_column = max(0, top - 1), max(0, left - 1)
     shape = min(size[0], top + height + 1) - first_row, min(size[1], left + width + 1) - first_column
-    wanted = np.zeros(shape, dtype=bool)
-    wanted[top - first_row :, left - first_column :][:height, :width] = True
+    crop_mask = np.zeros(shape, dtype=bool)
+    crop_mask[top - first_row :, left - first_column :][:height, :width] = True
 
     def traced(places: np.ndarray, count: int) -> np.ndarray:
         row, column = np.divmod(places, shape[1])
@@ -85,18 +85,18 @@ def integrate_pixels(
         uneven[places] = (np.ptp(shown, axis=1) > EVEN_WITHIN).any(axis=1)
     if few < sub_rays:
         uneven |= _outline(image[:, 3].reshape(shape)).ravel()
-        for places in _chunks(np.flatnonzero(uneven & wanted.ravel()), sub_rays):
+        for places in _chunks(np.flatnonzero(uneven & crop_mask.ravel()), sub_rays):
             image[places] = traced(places, sub_rays).mean(axis=1)
-    return image[wanted.ravel()].reshape(height, width, 4)
+    return image[crop_mask.ravel()].reshape(height, width, 4)
 
 
 def _outline(alpha: np.ndarray) -> np.ndarray:
     """Mark pixels whose alpha differs from a neighbour's, (h, w) bool."""
     marked = np.zeros(alpha.shape, dtype=bool)
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        differs = alpha[one] != alpha[other]
-        marked[one] |= differs
-        marked[other] |= differs
+    for first, second in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        differs = alpha[first] != alpha[second]
+        marked[first] |= differs
+        marked[second] |= differs
     return marked
 
 

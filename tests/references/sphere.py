@@ -46,13 +46,13 @@ def sphere(radius: float, poisson_ratio: float, limit: float) -> ReferenceSpectr
     modes: list[tuple[float, int, str]] = []
     degree = 0
     while True:
-        found: list[tuple[float, int, str]] = []
+        modes_of_degree: list[tuple[float, int, str]] = []
         for family in ("spheroidal", "torsional") if degree else ("spheroidal",):
             roots = _roots(family, degree, poisson_ratio, limit * radius)
-            found += [(root / radius, 2 * degree + 1, f"{family} {degree}") for root in roots]
-        if degree >= 2 and not found:
+            modes_of_degree += [(root / radius, 2 * degree + 1, f"{family} {degree}") for root in roots]
+        if degree >= 2 and not modes_of_degree:
             return ReferenceSpectrum.collect(modes, limit)
-        modes += found
+        modes += modes_of_degree
         degree += 1
 
 
@@ -124,8 +124,8 @@ def radial_ritz(family: str, degree: int, poisson_ratio: float) -> Floats:
     scale = 1 / np.sqrt(np.diag(mass))
     values, vectors = eigh(scale[:, None] * mass * scale)
     # Near r = 1 high powers are nearly dependent; what is below rounding is left out.
-    kept = values > 1e-13 * values[-1]
-    basis = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    independent = values > 1e-13 * values[-1]
+    basis = scale[:, None] * vectors[:, independent] / np.sqrt(values[independent])
     squared = eigh(basis.T @ stiffness @ basis, eigvals_only=True)
     return np.sqrt(np.maximum(squared[1 if degree == 1 else 0 :], 0.0))
 

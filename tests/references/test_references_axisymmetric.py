@@ -42,7 +42,7 @@ def cartesian_ritz(poisson_ratio: float, across: int, along: int) -> np.ndarray:
         return [legendre.legvander(points / scale, degree).T, np.array(slopes)]
 
     in_x, in_y, in_z = tables(x, RADIUS, across), tables(y, RADIUS, across), tables(z, HEIGHT / 2, along)
-    found = []
+    squares = []
     for parity in product((0, 1), repeat=3):
         plane, axial = [], []
         for a in range(3):
@@ -65,11 +65,11 @@ def cartesian_ritz(poisson_ratio: float, across: int, along: int) -> np.ndarray:
         mass = np.zeros((sum(sizes), sum(sizes)))
         for a in range(3):
             blocks[a][a] = blocks[a][a] + sum(integral(a, d, a, d) for d in range(3))
-            here = slice(sum(sizes[:a]), sum(sizes[: a + 1]))
-            mass[here, here] = integral(a, 3, a, 3)
+            span = slice(sum(sizes[:a]), sum(sizes[: a + 1]))
+            mass[span, span] = integral(a, 3, a, 3)
         values = eigh(np.block(blocks), mass, eigvals_only=True)
-        found.append(values[1 if sum(parity) in (1, 2) else 0 :])
-    return np.sqrt(np.sort(np.concatenate(found)))
+        squares.append(values[1 if sum(parity) in (1, 2) else 0 :])
+    return np.sqrt(np.sort(np.concatenate(squares)))
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.499])
@@ -124,18 +124,18 @@ def test_elements_need_not_follow_the_wall_evenly() -> None:
     """Two meshes of one body have the same modes."""
     half = constant(0.05)
     path = Path((0.0, 0.0), ((0.4, 0.0), (0.5, 1.2), (0.3, -0.3)))
-    found = []
+    spectra = []
     for element, cuts in ((0.2, (1.05, 1.15)), (0.15, (0.03, 1.02, 1.14))):
         meridian = Wall(path, half, half, cuts, element).meridian("dish")
-        found.append(body_of_revolution(meridian, 0.3, 1.5, finer=None))
-    np.testing.assert_allclose(found[0].repeated, found[1].repeated, rtol=1e-6)
+        spectra.append(body_of_revolution(meridian, 0.3, 1.5, finer=None))
+    np.testing.assert_allclose(spectra[0].repeated, spectra[1].repeated, rtol=1e-6)
 
 
 def test_a_wrong_count_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = axisymmetric.eigsh
+    solver = axisymmetric.eigsh
 
     def one_missing(*arguments, **options):
-        values = np.sort(found(*arguments, **options))
+        values = np.sort(solver(*arguments, **options))
         values[3] = values[4:].max() * 1.01
         return values
 

@@ -13,37 +13,37 @@ pytestmark = pytest.mark.release("tests.references")
 
 
 def test_the_published_cube() -> None:
-    found = cuboid((1, 1, 1), 0.3, 4.6)
-    assert found.multiplicities.tolist() == [2, 3, 3, 3, 3]
-    np.testing.assert_allclose(found.wavenumbers, [2.85608, 3.84599, 3.91127, 4.44288, 4.57281], rtol=2e-5)
-    assert found.convergence <= 2e-6
+    spectrum = cuboid((1, 1, 1), 0.3, 4.6)
+    assert spectrum.multiplicities.tolist() == [2, 3, 3, 3, 3]
+    np.testing.assert_allclose(spectrum.wavenumbers, [2.85608, 3.84599, 3.91127, 4.44288, 4.57281], rtol=2e-5)
+    assert spectrum.convergence <= 2e-6
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.25, 0.45, 0.499])
 def test_lame_modes_are_exact_and_at_least_threefold(poisson_ratio: float) -> None:
     edge = 0.3
-    found = cuboid((edge,) * 3, poisson_ratio, 4.9 / edge, tolerance=1e-4)
+    spectrum = cuboid((edge,) * 3, poisson_ratio, 4.9 / edge, tolerance=1e-4)
     lame = lame_wavenumbers(edge, 1)[0]
-    nearest = np.abs(found.wavenumbers / lame - 1).argmin()
-    assert found.wavenumbers[nearest] == pytest.approx(lame, rel=1e-8)
-    assert found.multiplicities[nearest] >= 3
+    nearest = np.abs(spectrum.wavenumbers / lame - 1).argmin()
+    assert spectrum.wavenumbers[nearest] == pytest.approx(lame, rel=1e-8)
+    assert spectrum.multiplicities[nearest] >= 3
 
 
 def test_slender_beam_bends_as_timoshenko_says() -> None:
     """100 x 10 x 5 mm, first mode of each plane; Timoshenko with k = 5 (1 + nu) / (6 + 5 nu)."""
     speed = np.sqrt(7.2e10 / (2 * 1.19 * 2700))
-    found = cuboid((0.1, 0.01, 0.005), 0.19, 2 * np.pi * 6000 / speed, tolerance=1e-4)
-    np.testing.assert_allclose(found.repeated * speed / (2 * np.pi), [2631.2, 5133.7], rtol=1e-3)
+    spectrum = cuboid((0.1, 0.01, 0.005), 0.19, 2 * np.pi * 6000 / speed, tolerance=1e-4)
+    np.testing.assert_allclose(spectrum.repeated * speed / (2 * np.pi), [2631.2, 5133.7], rtol=1e-3)
 
 
 def test_very_thin_plate_tends_to_kirchhoff() -> None:
     """Leissa's free square plate, omega a^2 sqrt(rho h / D), nu 0.3: 13.468, 19.596, 24.270, 34.801 twice."""
     thickness = 0.002
     rigidity = 2.6 * thickness**3 / (12 * (1 - 0.3**2))
-    found = cuboid((1, 1, thickness), 0.3, 36 * np.sqrt(rigidity / thickness), tolerance=1e-4)
-    thin = found.repeated * np.sqrt(thickness / rigidity)
+    spectrum = cuboid((1, 1, thickness), 0.3, 36 * np.sqrt(rigidity / thickness), tolerance=1e-4)
+    thin = spectrum.repeated * np.sqrt(thickness / rigidity)
     np.testing.assert_allclose(thin, [13.468, 19.596, 24.270, 34.801, 34.801], rtol=1.2e-3)
-    assert found.multiplicities.tolist() == [1, 1, 1, 2]
+    assert spectrum.multiplicities.tolist() == [1, 1, 1, 2]
 
 
 @few_examples(5)
@@ -57,10 +57,10 @@ def test_neither_unit_nor_order_of_the_edges_matters(
     lengths: tuple[float, float, float], poisson_ratio: float, scale: float, order: list[int]
 ) -> None:
     limit = 4.0 / max(lengths)
-    found = cuboid(lengths, poisson_ratio, limit, tolerance=1e-3).repeated
+    wavenumbers = cuboid(lengths, poisson_ratio, limit, tolerance=1e-3).repeated
     turned = (scale * lengths[order[0]], scale * lengths[order[1]], scale * lengths[order[2]])
     again = cuboid(turned, poisson_ratio, limit / scale, tolerance=1e-3).repeated
-    np.testing.assert_allclose(again * scale, found, rtol=1e-9)
+    np.testing.assert_allclose(again * scale, wavenumbers, rtol=1e-9)
 
 
 def test_six_motions_cost_no_energy() -> None:
@@ -81,16 +81,16 @@ def test_edge_functions_are_orthonormal_and_their_slopes_are_derivatives(layer: 
     assert functions.weights.sum() == pytest.approx(1.0)
     # x (odd) or 1 (even) are among them, with slope 1 or 0.
     points = EdgeFunctions.along(1.0, layer, 5, 1)
-    wanted = np.ones_like(functions.weights) if parity == 0 else _coordinate(points)
-    coefficients = (functions.values * functions.weights) @ wanted
-    np.testing.assert_allclose(coefficients @ functions.values, wanted, atol=1e-9)
+    polynomial = np.ones_like(functions.weights) if parity == 0 else _coordinate(points)
+    coefficients = (functions.values * functions.weights) @ polynomial
+    np.testing.assert_allclose(coefficients @ functions.values, polynomial, atol=1e-9)
     np.testing.assert_allclose(coefficients @ functions.slopes, float(parity), atol=1e-7)
 
 
 def _coordinate(functions: EdgeFunctions) -> np.ndarray:
     """The coordinate at the quadrature points: the only function of slope 1 that vanishes in the middle."""
-    ones = np.ones_like(functions.weights)
-    coefficients, *_ = np.linalg.lstsq(functions.slopes.T, ones, rcond=None)
+    unit_slopes = np.ones_like(functions.weights)
+    coefficients, *_ = np.linalg.lstsq(functions.slopes.T, unit_slopes, rcond=None)
     return np.asarray(coefficients @ functions.values)
 
 

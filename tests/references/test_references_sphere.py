@@ -16,8 +16,8 @@ def solid_sphere() -> Meridian:
 
 
 def test_published_roots_come_with_their_multiplicities() -> None:
-    found = sphere(1.0, 0.25, 4.5)
-    assert found.families == (
+    spectrum = sphere(1.0, 0.25, 4.5)
+    assert spectrum.families == (
         "torsional 2",
         "spheroidal 2",
         "spheroidal 1",
@@ -25,17 +25,19 @@ def test_published_roots_come_with_their_multiplicities() -> None:
         "spheroidal 3",
         "spheroidal 0",
     )
-    assert found.multiplicities.tolist() == [5, 5, 3, 7, 7, 1]
+    assert spectrum.multiplicities.tolist() == [5, 5, 3, 7, 7, 1]
     published = [2.501133, 2.639869, 3.42453, 3.864700, 3.916337, 4.439998]
-    np.testing.assert_allclose(found.wavenumbers, published, rtol=2e-7)
+    np.testing.assert_allclose(spectrum.wavenumbers, published, rtol=2e-7)
 
 
 def test_breathing_mode_is_that_of_the_closed_form() -> None:
     """Radial modes: x cot x = 1 - (x c_p / 2 c_s)^2, x = omega R / c_p."""
     for poisson_ratio in (0.0, 0.3, 0.45):
-        found = sphere(1.0, poisson_ratio, 11.0)
+        spectrum = sphere(1.0, poisson_ratio, 11.0)
         ratio = np.sqrt((1 - 2 * poisson_ratio) / (2 * (1 - poisson_ratio)))
-        radial = [w for w, name in zip(found.wavenumbers, found.families, strict=True) if name.endswith(" 0")]
+        radial = [
+            w for w, name in zip(spectrum.wavenumbers, spectrum.families, strict=True) if name.endswith(" 0")
+        ]
         assert radial
         for wavenumber in radial:
             x = wavenumber * ratio
@@ -52,18 +54,20 @@ def test_it_agrees_with_the_axisymmetric_solver(poisson_ratio: float) -> None:
 
 def test_every_root_up_to_a_high_limit_is_found() -> None:
     """A scan of the closed form in small steps finds no further torsional root."""
-    found = sphere(1.0, 0.3, 14.0)
+    spectrum = sphere(1.0, 0.3, 14.0)
     steps = np.arange(0.05, 14.0, 0.01)
     for degree in range(1, 14):
         values = np.array([torsional_traction(y, degree) for y in steps])
         scale = np.abs(values) > 1e-200
         changes = int(np.count_nonzero(np.diff(np.sign(values[scale]))))
-        assert changes == sum(name == f"torsional {degree}" for name in found.families)
+        assert changes == sum(name == f"torsional {degree}" for name in spectrum.families)
 
 
 def test_radial_polynomials_are_upper_bounds_that_meet_the_roots() -> None:
-    found = sphere(1.0, 0.3, 10.0)
-    roots = [w for w, name in zip(found.wavenumbers, found.families, strict=True) if name == "spheroidal 3"]
+    spectrum = sphere(1.0, 0.3, 10.0)
+    roots = [
+        w for w, name in zip(spectrum.wavenumbers, spectrum.families, strict=True) if name == "spheroidal 3"
+    ]
     bounds = radial_ritz("spheroidal", 3, 0.3)[: len(roots)]
     np.testing.assert_allclose(bounds, roots, rtol=1e-8)
 

@@ -152,11 +152,11 @@ def test_an_object_file_keeps_its_parts(small_file: Path, tmp_path: Path) -> Non
 
 def test_a_finer_threshold_is_tried_until_the_parts_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
-    made = collision._hulls
+    original = collision._hulls
 
     def noted(surface, threshold_m, *rest):
         tried.append(threshold_m)
-        return made(surface, threshold_m, *rest)
+        return original(surface, threshold_m, *rest)
 
     monkeypatch.setattr(collision, "_hulls", noted)
     monkeypatch.setattr(collision, "THRESHOLD", 0.6)
@@ -165,7 +165,7 @@ def test_a_finer_threshold_is_tried_until_the_parts_fit(monkeypatch: pytest.Monk
     assert coarse == pytest.approx(0.06)
     assert len(convex_parts(angle(), threshold_m=coarse).hulls) == 1
     assert finer
-    assert all(one < coarse for one in finer)
+    assert all(threshold < coarse for threshold in finer)
 
 
 def test_measures_of_parts_are_those_of_boxes() -> None:
@@ -324,11 +324,11 @@ def test_what_no_body_has_is_refused(make: Callable[[], object], said: str) -> N
 
 @pytest.mark.parametrize("suffix", [".xml", ".usda"])
 def test_a_scene_holds_its_objects_at_rest_and_apart(block: Asset, tmp_path: Path, suffix: str) -> None:
-    other = replace(block, name="other")
-    for asset in (block, other):
+    twin = replace(block, name="other")
+    for asset in (block, twin):
         (tmp_path / asset.name).mkdir()
         write_asset(tmp_path / asset.name, asset, ("mjcf", "usd"))
-    assets = [block, other, block]
+    assets = [block, twin, block]
     poses = lay_out(assets, 0.6, height_m=0.7, seed=5)
     path = tmp_path / f"scene{suffix}"
     write_scene(path, [asset.name for asset in assets], poses, 0.6, height_m=0.7)

@@ -164,9 +164,9 @@ def store(root: Path, product: Product) -> None:
 
 
 def test_the_parts_are_the_data_sets_unless_others_are_asked_for(data_set: Path, tmp_path: Path) -> None:
-    asked = ("export", "bar", "--root", str(data_set), "--format", "mjcf")
-    assert run(*asked, "-o", str(tmp_path / "own")) == 0
-    assert run(*asked, "--most-parts", "1", "-o", str(tmp_path / "one")) == 0
+    arguments = ("export", "bar", "--root", str(data_set), "--format", "mjcf")
+    assert run(*arguments, "-o", str(tmp_path / "own")) == 0
+    assert run(*arguments, "--most-parts", "1", "-o", str(tmp_path / "one")) == 0
     parts = [len(list((tmp_path / name).glob("collision_*.obj"))) for name in ("own", "one")]
     assert parts == [2, 1]
 
@@ -175,13 +175,13 @@ def test_an_object_without_parts_says_why_and_how_it_has_some(
     data_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     store(data_set, absent_parts("parting it takes more than 150 CPU-s"))
-    asked = ("export", "bar", "--root", str(data_set), "--format", "mjcf")
-    assert run(*asked, "-o", str(tmp_path / "out")) == 1
+    arguments = ("export", "bar", "--root", str(data_set), "--format", "mjcf")
+    assert run(*arguments, "-o", str(tmp_path / "out")) == 1
     error = capsys.readouterr().err
     assert "bar: it has no collision parts: parting it takes more than 150 CPU-s" in error
     assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
-    assert run(*asked, "--most-parts", "1", "-o", str(tmp_path / "out")) == 0
+    assert run(*arguments, "--most-parts", "1", "-o", str(tmp_path / "out")) == 0
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,8 @@ def test_a_wave_is_that_of_kirchhoffs_plate() -> None:
     speed = math.sqrt(youngs_pa / density / (1 - poisson**2))
     stiffness = youngs_pa * wall_m**3 / (12 * (1 - poisson**2))
     wavenumber = (density * wall_m * (2 * math.pi * hertz) ** 2 / stiffness) ** 0.25
-    found = BendingWaves.up_to(hertz, speed, modes=10**9).shortest_m(wall_m, area_m2=1.0)
-    assert found == pytest.approx(2 * math.pi / wavenumber)
+    wavelength_m = BendingWaves.up_to(hertz, speed, modes=10**9).shortest_m(wall_m, area_m2=1.0)
+    assert wavelength_m == pytest.approx(2 * math.pi / wavenumber)
 
 
 def test_few_modes_end_at_longer_waves() -> None:
@@ -41,9 +41,9 @@ def test_a_wide_thin_plate_has_no_element_longer_than_a_bending_wave() -> None:
     waves = BendingWaves.up_to(20_000.0, STEEL_PLATE_SPEED_M_S, modes=256)
     wave_m = waves.shortest_m(wall_m, surface.area)
     longest = {}
-    for wanted in (None, waves):
-        solid = fill(surface, waves=wanted)
+    for limit in (None, waves):
+        solid = fill(surface, waves=limit)
         edges = solid.vertices[edge_table(solid.boundary()[0]).vertices]
-        longest[wanted] = float(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).max())
+        longest[limit] = float(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).max())
     assert solid.report["edge_m"] == pytest.approx(Filling().edge_per_wave * wave_m, rel=1e-3)
     assert longest[waves] < wave_m < longest[None]

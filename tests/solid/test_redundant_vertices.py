@@ -22,16 +22,16 @@ def cut_in_four(surface: Surface, times: int = 1) -> Surface:
 @pytest.mark.parametrize("times", [1, 2, 3])
 def test_a_box_cut_in_small_triangles_has_its_eight_corners_again(times: int) -> None:
     box = surface_of(trimesh.creation.box((3.0, 2.0, 1.0)))
-    found = without_redundant_vertices(cut_in_four(box, times))
-    assert sorted(map(tuple, found.vertices)) == sorted(map(tuple, box.vertices))
-    assert enclosed_volume(found)[0] == pytest.approx(6.0)
+    surface = without_redundant_vertices(cut_in_four(box, times))
+    assert sorted(map(tuple, surface.vertices)) == sorted(map(tuple, box.vertices))
+    assert enclosed_volume(surface)[0] == pytest.approx(6.0)
 
 
 def test_a_round_surface_cut_in_four_has_its_own_triangles_again() -> None:
     ball = surface_of(trimesh.creation.icosphere(3, 0.05))
-    found = without_redundant_vertices(cut_in_four(ball))
-    assert len(found.faces) == len(ball.faces)
-    assert {tuple(v) for v in found.vertices} == {tuple(v) for v in ball.vertices}
+    surface = without_redundant_vertices(cut_in_four(ball))
+    assert len(surface.faces) == len(ball.faces)
+    assert {tuple(v) for v in surface.vertices} == {tuple(v) for v in ball.vertices}
 
 
 def test_a_round_surface_is_left_as_it_is() -> None:

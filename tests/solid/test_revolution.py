@@ -20,8 +20,8 @@ TURN = trimesh.transformations.rotation_matrix(1.0, [1, 2, 3])[:3, :3]
 
 def tube(sections: int = 48) -> Surface:
     """A pipe as it is drawn: four rings, long triangles."""
-    drawn = trimesh.creation.annulus(0.010, 0.012, 0.1, sections=sections)
-    return Surface(np.array(drawn.vertices), np.array(drawn.faces))
+    mesh = trimesh.creation.annulus(0.010, 0.012, 0.1, sections=sections)
+    return Surface(np.array(mesh.vertices), np.array(mesh.faces))
 
 
 def found(surface: Surface) -> Revolution | None:
@@ -37,9 +37,9 @@ def test_a_turned_body_is_told_with_its_axis(surface: Surface) -> None:
     assert body is not None
     np.testing.assert_allclose(np.abs(body.frame[2] @ TURN[:, 2]), 1.0, rtol=1e-9)
     np.testing.assert_allclose(body.frame @ body.frame.T, np.eye(3), atol=1e-12)
-    drawn = body.surface(96)
-    assert is_closed(drawn)
-    assert enclosed_volume(drawn)[0] == pytest.approx(enclosed_volume(form.surface)[0], rel=5e-3)
+    body_surface = body.surface(96)
+    assert is_closed(body_surface)
+    assert enclosed_volume(body_surface)[0] == pytest.approx(enclosed_volume(form.surface)[0], rel=5e-3)
 
 
 def dented() -> Surface:
@@ -55,8 +55,8 @@ def oval() -> Surface:
 
 
 def octagon() -> Surface:
-    drawn = trimesh.creation.annulus(0.010, 0.012, 0.1, sections=8)
-    return Surface(np.array(drawn.vertices), np.array(drawn.faces))
+    mesh = trimesh.creation.annulus(0.010, 0.012, 0.1, sections=8)
+    return Surface(np.array(mesh.vertices), np.array(mesh.faces))
 
 
 @pytest.mark.parametrize("surface", [dented(), oval(), octagon(), Surface(CUBE_VERTICES, CUBE_FACES)])
@@ -65,8 +65,8 @@ def test_other_bodies_are_none(surface: Surface) -> None:
 
 
 def test_a_bulky_body_has_no_walls() -> None:
-    drawn = trimesh.creation.cylinder(0.05, 0.1, sections=32)
-    body = found(Surface(np.array(drawn.vertices), np.array(drawn.faces)))
+    mesh = trimesh.creation.cylinder(0.05, 0.1, sections=32)
+    body = found(Surface(np.array(mesh.vertices), np.array(mesh.faces)))
     assert body is not None
     assert revolved_walls(body, lambda wall: np.full(len(wall), 0.1)) is None
 

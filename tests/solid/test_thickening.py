@@ -97,9 +97,9 @@ def test_a_box_without_a_lid_is_a_box_of_sheets() -> None:
 def test_an_open_tube_is_a_sheet_though_its_two_ends_face_away() -> None:
     angle = np.arange(64) * 2 * np.pi / 64
     ring = np.column_stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), np.zeros(64)])
-    here, beside = np.arange(64), (np.arange(64) + 1) % 64
+    corner, beside = np.arange(64), (np.arange(64) + 1) % 64
     faces = np.concatenate(
-        [np.column_stack([here, beside, here + 64]), np.column_stack([beside, beside + 64, here + 64])]
+        [np.column_stack([corner, beside, corner + 64]), np.column_stack([beside, beside + 64, corner + 64])]
     )
     tube, _ = thicken(Surface(np.concatenate([ring, ring + np.array([0, 0, 0.1])]), faces), 0.001)
     ideal = np.pi * (0.0305**2 - 0.0295**2) * 0.1

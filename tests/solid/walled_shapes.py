@@ -17,13 +17,13 @@ def spherical_cap(
     vertices = [[0.0, 0.0, -outer]]
     vertices += [[r * np.cos(t), r * np.sin(t), z] for r, z in rows for t in turn]
     vertices += [[0.0, 0.0, -inner]]
-    here, beside = np.arange(sectors), (np.arange(sectors) + 1) % sectors
-    faces = [np.stack([np.zeros_like(here), 1 + beside, 1 + here], axis=1)]
+    sector, beside = np.arange(sectors), (np.arange(sectors) + 1) % sectors
+    faces = [np.stack([np.zeros_like(sector), 1 + beside, 1 + sector], axis=1)]
     for row in range(len(rows) - 1):
-        a, b = 1 + row * sectors + here, 1 + row * sectors + beside
+        a, b = 1 + row * sectors + sector, 1 + row * sectors + beside
         faces += [np.stack([a, b, a + sectors], axis=1), np.stack([b, b + sectors, a + sectors], axis=1)]
     last = 1 + (len(rows) - 1) * sectors
-    faces += [np.stack([np.full_like(here, len(vertices) - 1), last + here, last + beside], axis=1)]
+    faces += [np.stack([np.full_like(sector, len(vertices) - 1), last + sector, last + beside], axis=1)]
     return Surface(np.array(vertices), np.concatenate(faces))
 
 

@@ -78,9 +78,9 @@ def test_normals_of_the_source_come_back_within_a_degree(mesh: trimesh.Trimesh) 
     walked = decode_surface(
         encode_surface(Surface(mesh.vertices, mesh.faces))
     )  # corners keep their order now
-    given = _turned_normals(walked, 50)
-    given[1] = 0  # the source has none there
-    surface = Surface(walked.vertices, walked.faces, normals=given)
+    normals = _turned_normals(walked, 50)
+    normals[1] = 0  # the source has none there
+    surface = Surface(walked.vertices, walked.faces, normals=normals)
     decoded = decode_surface(encode_surface(surface))
     np.testing.assert_array_equal(decoded.faces, surface.faces)
     cosine = np.einsum("fcx,fcx->fc", decoded.corner_normals, surface.corner_normals)
