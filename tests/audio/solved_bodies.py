@@ -39,8 +39,8 @@ def material(name: str) -> Material:
 
 def bar_surface() -> Surface:
     """Twelve triangles."""
-    drawn = trimesh.creation.box(BAR_M)
-    return Surface(np.array(drawn.vertices), np.array(drawn.faces))
+    mesh = trimesh.creation.box(BAR_M)
+    return Surface(np.array(mesh.vertices), np.array(mesh.faces))
 
 
 @cache

@@ -46,7 +46,7 @@ def together(*solids: Solid) -> Solid:
 
 def material(poisson_ratio: float = 0.19, youngs_modulus_pa: float = 7.2e10, **changes: float) -> Material:
     """Ceramic, or something near it."""
-    given = {
+    properties = {
         "density_kg_m3": 2700.0,
         "rayleigh_alpha_per_s": 6.0,
         "rayleigh_beta_s": 1e-7,
@@ -59,7 +59,7 @@ def material(poisson_ratio: float = 0.19, youngs_modulus_pa: float = 7.2e10, **c
         youngs_modulus_pa=youngs_modulus_pa,
         poisson_ratio=poisson_ratio,
         citation="",
-        **given,
+        **properties,
     )
 
 

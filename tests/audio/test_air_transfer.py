@@ -97,13 +97,13 @@ def radial(ball: Surface):
 )
 def test_spheres_and_a_piston_are_heard_as_their_closed_forms(wavenumber_radius, subdivisions):
     ball = sphere(subdivisions)
-    found = radiate(ball, radial(ball), np.full(3, hertz(wavenumber_radius)))
-    transfer = AirTransfer.of(found)
+    solution = radiate(ball, radial(ball), np.full(3, hertz(wavenumber_radius)))
+    transfer = AirTransfer.of(solution)
     for distance in (1.02 * RADIUS_M, 1.0):
         places = distance * DIRECTIONS
         heard = np.stack([transfer.pressures(place) for place in places])
         for mode, coefficients in enumerate(([1.0], [0.0, 1.0], piston(90 if distance == 1 else 40))):
-            true = spherical_wave(np.array(coefficients), found.wavenumbers[mode], places)
+            true = spherical_wave(np.array(coefficients), solution.wavenumbers[mode], places)
             # What the multipoles leave out of a jump is near its edge.
             if distance == 1 or mode < 2:
                 assert np.abs(20 * np.log10(np.abs(heard[:, mode] / true))).max() < 0.5
@@ -127,15 +127,15 @@ def test_a_stated_error_is_no_less_than_the_true_one(wavenumber_radius):
             axis=2,
         )
 
-    found = radiate(ball, shapes, np.full(4, hertz(wavenumber_radius)))
+    solution = radiate(ball, shapes, np.full(4, hertz(wavenumber_radius)))
     places = np.random.default_rng(1).normal(size=(200, 3))
     places /= np.linalg.norm(places, axis=1, keepdims=True)
     order, k = order_for(wavenumber_radius), wavenumber_radius / RADIUS_M
-    heard = outgoing(order, k, places).T @ found.multipoles[:, : count_of(order)].T
+    heard = outgoing(order, k, places).T @ solution.multipoles[:, : count_of(order)].T
     for mode, coefficients in enumerate(([1.0], [0.0, 1.0], piston(90), np.eye(5)[4])):
         true = spherical_wave(np.array(coefficients), k, places)
         off = np.linalg.norm(heard[:, mode] - true) / np.linalg.norm(true)
-        assert off <= found.residuals[mode] < 10 * off + 0.01
+        assert off <= solution.residuals[mode] < 10 * off + 0.01
 
 
 def test_a_quick_sphere_is_right():
@@ -223,8 +223,8 @@ def test_a_source_inside_a_box_is_heard_as_from_there():
     order = order_for(k * 0.07)
     elements = Elements(surface, np.stack([q.real, q.imag], axis=2), np.zeros(3), order)
     pressures = elements.solve(k, slice(None))
-    found = elements.multipoles(order, k, pressures, slice(None)) @ [1, 1j]
-    heard = outgoing(order, k, 0.5 * DIRECTIONS).T @ found
+    multipoles = elements.multipoles(order, k, pressures, slice(None)) @ [1, 1j]
+    heard = outgoing(order, k, 0.5 * DIRECTIONS).T @ multipoles
     true = wave(0.5 * DIRECTIONS, k)
     assert np.linalg.norm(heard - true) < 0.02 * np.linalg.norm(true)
 
@@ -259,14 +259,14 @@ def regular(order: int, k: float, places: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("x", [1e-3, 0.4, 3.0, 4.493409, 31.7])  # one of them a root of j_1
 def test_spherical_bessel_functions_are_scipys(x):
-    found = regular_waves(40, np.array([x]), np.ones((count_of(40), 1)))[:, 0]
-    np.testing.assert_allclose(found, spherical_jn(orders_of(count_of(40)), x), atol=1e-14)
+    waves = regular_waves(40, np.array([x]), np.ones((count_of(40), 1)))[:, 0]
+    np.testing.assert_allclose(waves, spherical_jn(orders_of(count_of(40)), x), atol=1e-14)
 
 
 def test_a_point_source_off_the_centre_is_its_multipoles():
     place, k, order = np.array([[0.03, -0.02, 0.04]]), 17.0, 14
-    found = of_surface(regular(order, k, place), k, 0 * place, np.zeros((1, 1)), -np.ones((1, 1)))
-    heard = outgoing(order, k, DIRECTIONS).T @ found[:, 0]
+    multipoles = of_surface(regular(order, k, place), k, 0 * place, np.zeros((1, 1)), -np.ones((1, 1)))
+    heard = outgoing(order, k, DIRECTIONS).T @ multipoles[:, 0]
     distance = np.linalg.norm(DIRECTIONS - place, axis=1)
     np.testing.assert_allclose(heard, np.exp(1j * k * distance) / (4 * np.pi * distance), rtol=1e-9)
 
@@ -274,12 +274,12 @@ def test_a_point_source_off_the_centre_is_its_multipoles():
 def test_a_dipole_is_the_slope_of_a_source():
     k, order, step = 17.0, 14, 1e-5
     place, way = np.array([[0.03, -0.02, 0.04]]), np.array([[0.3, -0.5, 0.7]])
-    none, one = np.zeros((1, 1)), np.ones((1, 1))
-    found = of_surface(regular(order, k, place), k, way, one, none)
+    none, unit = np.zeros((1, 1)), np.ones((1, 1))
+    dipole = of_surface(regular(order, k, place), k, way, unit, none)
     apart = [
-        of_surface(regular(order, k, place + side * step * way), k, 0 * way, none, -one) for side in (1, -1)
+        of_surface(regular(order, k, place + side * step * way), k, 0 * way, none, -unit) for side in (1, -1)
     ]
-    np.testing.assert_allclose(found, (apart[0] - apart[1]) / (2 * step), atol=1e-6 * np.abs(found).max())
+    np.testing.assert_allclose(dipole, (apart[0] - apart[1]) / (2 * step), atol=1e-6 * np.abs(dipole).max())
 
 
 def test_harmonics_are_orthonormal():
@@ -328,14 +328,14 @@ def radiation() -> Radiation:
 
 @pytest.mark.parametrize("distance", [0.1001, 0.3, 10.0])
 def test_what_a_file_keeps_sounds_as_what_was_solved(radiation, distance):
-    kept = AirTransfer.of(radiation)
-    again = AirTransfer.from_tensors(kept.tensors(), kept.metadata(), 3)
+    transfer = AirTransfer.of(radiation)
+    again = AirTransfer.from_tensors(transfer.tensors(), transfer.metadata(), 3)
     heard = np.stack([again.pressures(radiation.centre_m + distance * way) for way in DIRECTIONS])
     assert (heard[:, 0] == 0).all()
     for mode in (1, 2):
-        k, given = radiation.wavenumbers[mode], radiation.multipoles[mode]
+        k, multipoles = radiation.wavenumbers[mode], radiation.multipoles[mode]
         count = count_of(order_for(k * 0.1))
-        true = outgoing(order_for(k * 0.1), k, distance * DIRECTIONS).T @ given[:count]
+        true = outgoing(order_for(k * 0.1), k, distance * DIRECTIONS).T @ multipoles[:count]
         assert np.linalg.norm(heard[:, mode] - true) < 0.03 * np.linalg.norm(true)
 
 
@@ -365,13 +365,13 @@ def test_a_listener_within_the_sphere_is_refused(radiation):
     ],
 )
 def test_a_hostile_file_is_refused(radiation, name, value, finding):
-    kept = AirTransfer.of(radiation)
-    tensors = {**kept.tensors(), f"audio.transfer_{name}": value}
+    transfer = AirTransfer.of(radiation)
+    tensors = {**transfer.tensors(), f"audio.transfer_{name}": value}
     with pytest.raises(FormatError, match=finding):
-        AirTransfer.from_tensors(tensors, kept.metadata(), 3)
+        AirTransfer.from_tensors(tensors, transfer.metadata(), 3)
     del tensors[f"audio.transfer_{name}"]
     with pytest.raises(FormatError, match="missing"):
-        AirTransfer.from_tensors(tensors, kept.metadata(), 3)
+        AirTransfer.from_tensors(tensors, transfer.metadata(), 3)
 
 
 def struck(transfer: AirTransfer, sign: float = 1.0) -> StruckBody:
@@ -402,20 +402,20 @@ def test_the_sound_is_the_real_part_of_transfer_times_velocity(radiation):
     place = np.array([0.4, -0.3, 0.6])
     with_modes = heard_at(struck(transfer), place[None])[0]
     mute = replace(transfer, whole=0 * transfer.whole)
-    found = with_modes - heard_at(struck(mute), place[None])[0]  # without the click
+    sound = with_modes - heard_at(struck(mute), place[None])[0]  # without the click
     delay_s = Listener.at(place, np.zeros(3), 0.1).delay_s
-    times = np.arange(len(found)) / 44100.0 - delay_s
+    times = np.arange(len(sound)) / 44100.0 - delay_s
     force = np.array([0.0, 0.0, 0.01])
     gains = force @ struck(transfer).gains(np.zeros((1, 3)))[0]
     heard = transfer.delayed(place, delay_s)
-    expected = np.zeros(len(found))
+    expected = np.zeros(len(sound))
     for mode in (1, 2):
         omega = transfer.wavenumbers[mode] * SOUND_SPEED_M_S
         # An impulse: q = J exp(-c t) sin(omega t) / omega, of which the velocity is the slope.
         rate = -30.0 - 1j * omega
         velocity = gains[mode] * rate * (1j / omega) * np.exp(rate * times)
         expected += np.where(times >= 0, (heard[mode] * velocity).real, 0.0)
-    np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(with_modes).max())
+    np.testing.assert_allclose(sound, expected, atol=2e-6 * np.abs(with_modes).max())
 
 
 def test_two_ears_differ_and_signs_of_mode_shapes_do_not_matter(radiation):
@@ -443,8 +443,8 @@ def with_transfer(small_file) -> ObjectFile:
     random = np.random.default_rng(0)
     multipoles = np.zeros((len(wavenumbers), count_of(order_for(wavenumbers.max() * radius))), dtype=complex)
     multipoles[:, :9] = random.normal(size=(len(wavenumbers), 9, 2)) @ [1, 1j]
-    drawn = Radiation(centre, radius, wavenumbers, multipoles, np.full(len(wavenumbers), 0.02))
-    transfer = AirTransfer.of(drawn)
+    bar_radiation = Radiation(centre, radius, wavenumbers, multipoles, np.full(len(wavenumbers), 0.02))
+    transfer = AirTransfer.of(bar_radiation)
     content = plain.content()
     body = {"filled_mass_kg": 0.07, "mass_kg": 0.07, "centre_of_mass_m": [0.0] * 3, "inertia_kg_m2": None}
     audio = {**plain.description["audio"], "transfer": transfer.metadata()}

@@ -41,10 +41,10 @@ def test_a_weight_of_root_two_counts_a_point_twice(data: Data, basis: Basis) -> 
     fields = [Fields(basis, solve(*equations(basis, points))) for points in (weighted, twice)]
     np.testing.assert_allclose(fields[0].coefficients, fields[1].coefficients, rtol=1e-6, atol=1e-9)
     smooth = Fields(basis, solve(*equations(basis, data)))
-    one, other = (smooth.corrected(points, (0.1,))[0].corrections for points in (weighted, twice))
-    assert one is not None
-    assert np.abs(one).max() > 1e-3
-    np.testing.assert_allclose(other, one, rtol=1e-8, atol=1e-12)
+    first, second = (smooth.corrected(points, (0.1,))[0].corrections for points in (weighted, twice))
+    assert first is not None
+    assert np.abs(first).max() > 1e-3
+    np.testing.assert_allclose(second, first, rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-9, 1e12])
@@ -73,7 +73,7 @@ def test_what_hardly_moves_is_met_better_for_its_weight(basis: Basis, data: Data
     quiet = x < 0.5
     errors = []
     weighted = Data.weighted(data.face, data.barycentric, values)
-    for one in (replace(weighted, weights=np.ones(300)), weighted):
-        misfit = Fields(basis, solve(*equations(basis, one))).at(one) - values
+    for samples in (replace(weighted, weights=np.ones(300)), weighted):
+        misfit = Fields(basis, solve(*equations(basis, samples))).at(samples) - values
         errors.append(np.linalg.norm(misfit[quiet]) / np.linalg.norm(values[quiet]))
     assert errors[1] < 0.8 * errors[0]

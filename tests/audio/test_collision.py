@@ -25,27 +25,27 @@ def body(seed: int, modes: int, damping: float) -> Collider:
 @pytest.mark.parametrize("bodies", [1, 2])
 def test_energy_of_the_modes_is_that_of_a_fine_integration(bodies: int, restitution: float) -> None:
     colliders = [body(seed, 12, 2e-3) for seed in range(bodies)]
-    found = collide(colliders, CONTACT, SPEED_M_S, restitution)
-    end_s = found.profile.duration_s
+    collision = collide(colliders, CONTACT, SPEED_M_S, restitution)
+    end_s = collision.profile.duration_s
     impulse, energies = coupled_contact(colliders, CONTACT, SPEED_M_S, restitution, end_s)
-    assert found.impulse_n_s == pytest.approx(impulse, rel=1e-3)
-    np.testing.assert_allclose(found.vibration_j, energies, rtol=5e-3)
-    assert (found.vibration_j > 0.05 * CONTACT.mass_kg * SPEED_M_S**2 / 2).all()
+    assert collision.impulse_n_s == pytest.approx(impulse, rel=1e-3)
+    np.testing.assert_allclose(collision.vibration_j, energies, rtol=5e-3)
+    assert (collision.vibration_j > 0.05 * CONTACT.mass_kg * SPEED_M_S**2 / 2).all()
 
 
 def test_no_energy_comes_or_goes_without_damping() -> None:
-    found = collide([body(3, 40, 0.0)], CONTACT, SPEED_M_S)
+    collision = collide([body(3, 40, 0.0)], CONTACT, SPEED_M_S)
     before = CONTACT.mass_kg * SPEED_M_S**2 / 2
-    parting_m_s = SPEED_M_S - found.impulse_n_s / CONTACT.mass_kg
-    after = CONTACT.mass_kg * parting_m_s**2 / 2 + found.vibration_j.sum()
+    parting_m_s = SPEED_M_S - collision.impulse_n_s / CONTACT.mass_kg
+    after = CONTACT.mass_kg * parting_m_s**2 / 2 + collision.vibration_j.sum()
     assert after == pytest.approx(before, rel=1e-12)
 
 
 def test_rigid_bodies_part_as_the_restitution_says() -> None:
     for restitution in (1.0, 0.9, 0.5, 0.1, 0.01):
-        found = collide([], CONTACT, SPEED_M_S, restitution)
+        collision = collide([], CONTACT, SPEED_M_S, restitution)
         impulse = (1 + restitution) * CONTACT.mass_kg * SPEED_M_S
-        assert found.impulse_n_s == pytest.approx(impulse, rel=1e-4)
+        assert collision.impulse_n_s == pytest.approx(impulse, rel=1e-4)
     with pytest.raises(QueryError, match="restitution"):
         collide([], CONTACT, SPEED_M_S, 0.0)
 
@@ -61,5 +61,5 @@ def test_a_held_force_sounds_in_closed_form_between_its_steps() -> None:
     bank.ring(states, sound, onset.shape[1])
     times = (np.arange(30) + ahead) / rate
     since = np.maximum(times - 7 * step_s, 0.0)
-    wanted = (np.cos(angular * since) - np.cos(angular * times)) / angular**2
-    np.testing.assert_allclose(sound[0], wanted, atol=1e-12 / angular**2)
+    expected = (np.cos(angular * since) - np.cos(angular * times)) / angular**2
+    np.testing.assert_allclose(sound[0], expected, atol=1e-12 / angular**2)

@@ -37,10 +37,10 @@ def test_a_bent_ball_has_the_volume_and_radius_of_its_target() -> None:
 def test_a_bent_ball_rings_as_lamb_says_and_keeps_six_rigid_motions(solid: Solid) -> None:
     """H. Lamb 1882, nu 0.25: eta = 2.501133 and 2.639869, five-fold each."""
     bent, _ = space_on(solid, 3, 1.0, bend=True)
-    found = solve_spectrum(bent, solid.component, 0.25, below=9.0, max_modes=30, seed=0)
-    assert found.certificate["counted"] == 16
-    assert found.rigid_eta_squared < 1e-9
-    eta = np.sqrt(found.eta_squared)
+    spectrum = solve_spectrum(bent, solid.component, 0.25, below=9.0, max_modes=30, seed=0)
+    assert spectrum.certificate["counted"] == 16
+    assert spectrum.rigid_eta_squared < 1e-9
+    eta = np.sqrt(spectrum.eta_squared)
     np.testing.assert_allclose(eta, np.repeat([2.501133, 2.639869], 5), rtol=1e-3)
 
 
@@ -74,12 +74,12 @@ def test_a_short_edge_that_folds_its_element_leaves_the_long_ones_bent() -> None
     geometry = space.geometry.copy()
     long, short = space.numbers[0, 4], space.numbers[0, 9]
     geometry[long], geometry[short] = (0, 0.05, 0), (0, -0.3, 0.3)
-    unfolded, held, kept = _unfold(space, geometry)
-    assert held.all()
+    unfolded, folds, intact = _unfold(space, geometry)
+    assert folds.all()
     np.testing.assert_array_equal(unfolded[long], geometry[long])
     assert 0 < np.linalg.norm(unfolded[short]) < np.linalg.norm(geometry[short])
-    assert kept[long]
-    assert not kept[short]
+    assert intact[long]
+    assert not intact[short]
     assert volume(space.shaped(unfolded)) > 0  # and raises if it is folded
 
 
@@ -89,8 +89,8 @@ def test_a_wildly_bent_body_has_no_folded_element(solid: Solid) -> None:
     geometry = space.geometry.copy()
     bends = np.random.default_rng(0).normal(size=(space.size - space.vertex_count, 3))
     geometry[space.vertex_count :] = 2 * bends
-    unfolded, _, kept = _unfold(space, geometry)
-    np.testing.assert_array_equal(unfolded[kept], geometry[kept])
+    unfolded, _, intact = _unfold(space, geometry)
+    np.testing.assert_array_equal(unfolded[intact], geometry[intact])
     shape = unfolded[space.numbers]
     slopes = differentiate(quadrature(11)[0], 2)
     edges = np.einsum("qik,tid->tqkd", slopes[:, :, 1:] - slopes[:, :, :1], shape)

@@ -26,8 +26,8 @@ def test_solutions_are_those_of_a_dense_solver(solver: str) -> None:
     right = np.random.default_rng(1).standard_normal(
         (60, factorisation.RIGHT_SIDES_AT_ONCE + 5)
     )  # in two parts
-    found = Factorisation(definite, definite=True, solver=solver).solve(right)
-    np.testing.assert_allclose(found, np.linalg.solve(definite.toarray(), right), atol=1e-11)
+    solutions = Factorisation(definite, definite=True, solver=solver).solve(right)
+    np.testing.assert_allclose(solutions, np.linalg.solve(definite.toarray(), right), atol=1e-11)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

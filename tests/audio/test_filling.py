@@ -41,8 +41,8 @@ def sound(solid: Solid) -> None:
     assert np.linalg.det(corner[:, 1:] - corner[:, :1]).min() > 0
     assert solid.report["bodies"] == solid.components
     assert solid.target is not None
-    drawn = solid.target.sample(500, 5).points
-    away = Surface(solid.vertices, solid.boundary()[0]).closest_points(drawn).distance
+    points = solid.target.sample(500, 5).points
+    away = Surface(solid.vertices, solid.boundary()[0]).closest_points(points).distance
     # Both are the largest of a sample; rays and distances are good to single precision.
     negligible = 1e-6 * float(np.ptp(solid.vertices, axis=0).max())
     assert away.max() <= 1.5 * solid.report["surface_error_max_m"] + negligible
@@ -82,13 +82,13 @@ def test_size_place_and_order_change_nothing() -> None:
     place = random.permutation(len(vertices))
     shuffled = np.empty_like(vertices)
     shuffled[place] = vertices
-    other = fill(
+    shuffled_solid = fill(
         Surface(1000 * (shuffled + np.array([3, -2, 1])), place[faces][random.permutation(len(faces))])
     )
-    np.testing.assert_array_equal(other.tetrahedra, solid.tetrahedra)
-    back = other.vertices / 1000 - [3, -2, 1]
+    np.testing.assert_array_equal(shuffled_solid.tetrahedra, solid.tetrahedra)
+    back = shuffled_solid.vertices / 1000 - [3, -2, 1]
     np.testing.assert_allclose(back, solid.vertices, atol=1e-6 * np.ptp(vertices))
-    assert other.volume_m3 == pytest.approx(1e9 * solid.volume_m3, rel=1e-6)
+    assert shuffled_solid.volume_m3 == pytest.approx(1e9 * solid.volume_m3, rel=1e-6)
 
 
 @RELEASE
@@ -137,9 +137,9 @@ def test_needles_do_not_hurt() -> None:
     extra = len(vertices) + np.arange(100)
     ends = np.concatenate([[corner[1]], extra, [corner[2]]])
     fan = np.stack([np.full(101, corner[0]), ends[:-1], ends[1:]], axis=1)
-    kept = faces[~(faces == corner).all(axis=1)]
+    rest = faces[~(faces == corner).all(axis=1)]
     # The other face at that edge keeps its straight side: the needles' ends are T-junctions, as scans have.
-    surface = Surface(np.concatenate([vertices, row]), np.concatenate([kept, fan]))
+    surface = Surface(np.concatenate([vertices, row]), np.concatenate([rest, fan]))
     solid = fill(surface)
     sound(solid)
     assert solid.components == 1

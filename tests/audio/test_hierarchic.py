@@ -82,11 +82,11 @@ def test_fields_are_continuous_across_faces() -> None:
     shared: dict[tuple[int, ...], list[np.ndarray]] = {}
     for element, corners in enumerate(space.tetrahedra):
         for left_out in range(4):
-            kept = [k for k in range(4) if k != left_out]
+            face = [k for k in range(4) if k != left_out]
             barycentric = np.zeros((len(weights), 4))
-            barycentric[:, kept] = weights
+            barycentric[:, face] = weights
             values = space.values(coefficients, np.full(len(weights), element), barycentric)
-            shared.setdefault(tuple(corners[kept]), []).append(values)
+            shared.setdefault(tuple(corners[face]), []).append(values)
     pairs = [values for values in shared.values() if len(values) == 2]
     assert len(pairs) > 20
     for first, second in pairs:

@@ -49,14 +49,14 @@ def test_a_wall_bent_to_a_parabola_is_bent_throughout() -> None:
     bent, boundary = _bends(space, 0.1)
     inner = np.setdiff1d(np.unique(space.numbers[:, 4:10]), boundary)
     assert len(inner) > 100
-    known = np.zeros_like(bent)
-    known[: space.vertex_count] = bent[: space.vertex_count]
-    known[boundary] = bent[boundary]
-    found = bend_along(space, known, boundary)
-    np.testing.assert_array_equal(found[boundary], bent[boundary])
+    boundary_bends = np.zeros_like(bent)
+    boundary_bends[: space.vertex_count] = bent[: space.vertex_count]
+    boundary_bends[boundary] = bent[boundary]
+    bends = bend_along(space, boundary_bends, boundary)
+    np.testing.assert_array_equal(bends[boundary], bent[boundary])
     size = np.abs(bent[inner]).max()
-    assert np.abs(found[inner] - bent[inner]).max() < 0.25 * size
-    assert np.sqrt(np.mean((found[inner] - bent[inner]) ** 2)) < 0.05 * size
+    assert np.abs(bends[inner] - bent[inner]).max() < 0.25 * size
+    assert np.sqrt(np.mean((bends[inner] - bent[inner]) ** 2)) < 0.05 * size
 
 
 def test_a_straight_boundary_leaves_inner_edges_straight() -> None:

@@ -25,8 +25,8 @@ release = pytest.mark.release(*MODES)
 
 
 def cents(product: Product, truth: np.ndarray) -> np.ndarray:
-    found = np.sqrt(product["eigenvalues"]) / (2 * np.pi)
-    return np.asarray(1200 * np.log2(found / truth[: len(found)]))
+    frequencies_hz = np.sqrt(product["eigenvalues"]) / (2 * np.pi)
+    return np.asarray(1200 * np.log2(frequencies_hz / truth[: len(frequencies_hz)]))
 
 
 def stated_cents(product: Product) -> np.ndarray:

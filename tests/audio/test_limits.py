@@ -47,9 +47,9 @@ def test_a_short_basis_finds_the_same_modes() -> None:
     plate = box((5, 5, 1), (1, 1, 0.1))
     space = space_on(plate, 3, 1.0)[0]
     matrices, every = ElementMatrices(space, 0.3), np.ones(space.size, dtype=bool)
-    pencils = [pencil_of(matrices, plate.component, every, one) for one in (NO_LIMITS, FewVectors())]
+    pencils = [pencil_of(matrices, plate.component, every, limits) for limits in (NO_LIMITS, FewVectors())]
     assert pencils[0].size > DENSE
-    whole, short = (lowest_elastic(one, below=np.inf, at_most=10, shift=-0.05) for one in pencils)
+    whole, short = (lowest_elastic(pencil, below=np.inf, at_most=10, shift=-0.05) for pencil in pencils)
     np.testing.assert_allclose(short.values, whole.values, rtol=1e-9)
 
 

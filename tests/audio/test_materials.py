@@ -74,7 +74,7 @@ def test_missing_columns_doubles_and_files_are_named(tmp_path: Path) -> None:
 
 def test_a_table_of_either_law_is_read_and_one_of_neither_is_not(tmp_path: Path) -> None:
     """Without a loss factor a row of Rayleigh's two is damped by them; a loss factor alone is enough."""
-    given = {
+    row = {
         "name": "gold",
         "density_kg_m3": 19300,
         "youngs_modulus_pa": 7.9e10,
@@ -87,9 +87,9 @@ def test_a_table_of_either_law_is_read_and_one_of_neither_is_not(tmp_path: Path)
 
     def read(**damping: float) -> Material:
         with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, [*given, *damping])
+            writer = csv.DictWriter(file, [*row, *damping])
             writer.writeheader()
-            writer.writerow(given | damping)
+            writer.writerow(row | damping)
         return read_materials(path)["gold"]
 
     old = read(rayleigh_alpha_per_s=5, rayleigh_beta_s=1e-7)

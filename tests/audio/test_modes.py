@@ -93,19 +93,21 @@ def test_without_damping_nothing_decays(undamped_bar: Product) -> None:
 def test_size_scales_frequencies_and_loses_no_mode(undamped_bar: Product) -> None:
     """A bar of a tenth of a millimetre."""
     scale = 1e-3
-    other = bar_of_cells(scale, **UNDAMPED)
-    assert len(other["frequencies_hz"]) == len(undamped_bar["frequencies_hz"])
-    np.testing.assert_allclose(other["eigenvalues"] * scale**2, undamped_bar["eigenvalues"], rtol=1e-7)
-    here, there = (np.linalg.norm(product["mode_shapes"], axis=(0, 1)) for product in (undamped_bar, other))
-    np.testing.assert_allclose(there * scale**1.5, here, rtol=1e-4)
+    miniature = bar_of_cells(scale, **UNDAMPED)
+    assert len(miniature["frequencies_hz"]) == len(undamped_bar["frequencies_hz"])
+    np.testing.assert_allclose(miniature["eigenvalues"] * scale**2, undamped_bar["eigenvalues"], rtol=1e-7)
+    norms, miniature_norms = (
+        np.linalg.norm(product["mode_shapes"], axis=(0, 1)) for product in (undamped_bar, miniature)
+    )
+    np.testing.assert_allclose(miniature_norms * scale**1.5, norms, rtol=1e-4)
 
 
 def test_too_many_modes_end_the_band_in_a_gap(bar: Product) -> None:
     fewer = bar_of_cells(max_modes=4)
-    kept = len(fewer["frequencies_hz"])
+    count = len(fewer["frequencies_hz"])
     limit = fewer.attributes["stated_frequency_limit_hz"]
-    assert 1 <= kept <= 4
-    assert bar["frequencies_hz"][kept - 1] < limit < bar["frequencies_hz"][kept]
+    assert 1 <= count <= 4
+    assert bar["frequencies_hz"][count - 1] < limit < bar["frequencies_hz"][count]
     assert fewer.attributes["count_certificate"]["holds"]
     assert bar.attributes["stated_frequency_limit_hz"] == pytest.approx(CELLS_LIMIT_HZ)
 

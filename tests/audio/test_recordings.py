@@ -85,9 +85,9 @@ def test_partials_are_those_of_the_recording_with_a_beating_pair_and_no_others()
     true = [(700.0, 4.0, 1.0), (1800.0, 6.0, 1.0), (1803.0, 6.5, 0.7), (3210.0, 30.0, 0.5)]
     # What a striker takes before it leaves is no partial.
     touching = [(1810.0, 150.0, 1.0)]
-    found = partials_of(recording_of(strike(true + touching, 0, 0.8), RATE_HZ), 3400.0)
-    np.testing.assert_allclose(found.frequencies_hz, [hertz for hertz, _, _ in true], atol=0.05)
-    np.testing.assert_allclose(found.decays_per_s, [decay for _, decay, _ in true], rtol=0.05)
+    measurement = partials_of(recording_of(strike(true + touching, 0, 0.8), RATE_HZ), 3400.0)
+    np.testing.assert_allclose(measurement.frequencies_hz, [hertz for hertz, _, _ in true], atol=0.05)
+    np.testing.assert_allclose(measurement.decays_per_s, [decay for _, decay, _ in true], rtol=0.05)
 
 
 def test_a_fit_finds_stiffness_poisson_ratio_walls_and_decay(body: SolvedBody, partials: Partials) -> None:
@@ -106,9 +106,9 @@ def test_a_fit_finds_stiffness_poisson_ratio_walls_and_decay(body: SolvedBody, p
 
 
 def test_walls_that_are_held_stay_and_leave_more(body: SolvedBody, partials: Partials) -> None:
-    held, fitted = (fit_body(partials, body, recordings=2, fit_wall=each) for each in (False, True))
-    assert held.wall.value == 1
-    assert held.matching.rms_cents > 3 * fitted.matching.rms_cents
+    unit_wall, fitted = (fit_body(partials, body, recordings=2, fit_wall=each) for each in (False, True))
+    assert unit_wall.wall.value == 1
+    assert unit_wall.matching.rms_cents > 3 * fitted.matching.rms_cents
 
 
 def test_what_the_partials_do_not_tell_stays_as_it_was(body: SolvedBody) -> None:
@@ -125,9 +125,9 @@ def test_what_the_partials_do_not_tell_stays_as_it_was(body: SolvedBody) -> None
 
 
 def exact(frequencies_hz: np.ndarray) -> Partials:
-    ones = np.ones(len(frequencies_hz))
+    unit = np.ones(len(frequencies_hz))
     return Partials(
-        frequencies_hz, 10 * ones, 60 * ones, 60 * ones, ones.astype(np.int64), 0 * ones, 0 * ones
+        frequencies_hz, 10 * unit, 60 * unit, 60 * unit, unit.astype(np.int64), 0 * unit, 0 * unit
     )
 
 
@@ -146,15 +146,15 @@ def test_partials_of_another_object_are_near_few_modes_of_a_fit(body: SolvedBody
 
 def test_one_partial_of_a_pair_stands_for_both() -> None:
     modes_hz = np.array([1000.0, 2000.0, 2002.0])
-    found = match(np.array([1000.0, 2001.0]), np.ones(2), modes_hz)
-    np.testing.assert_allclose(found.cents, 0, atol=0.01)
+    matching = match(np.array([1000.0, 2001.0]), np.ones(2), modes_hz)
+    np.testing.assert_allclose(matching.cents, 0, atol=0.01)
     both = match(np.array([2004.0, 2006.0]), np.ones(2), modes_hz)
     assert both.modes.tolist() == [1, 2]
 
 
 def test_of_two_partials_for_one_mode_that_of_more_weight_takes_it() -> None:
-    found = match(np.array([1000.0, 1004.0]), np.array([0.2, 1.0]), np.array([1001.0, 3000.0]))
-    assert found.partials.tolist() == [1]
+    matching = match(np.array([1000.0, 1004.0]), np.array([0.2, 1.0]), np.array([1001.0, 3000.0]))
+    assert matching.partials.tolist() == [1]
 
 
 def test_a_law_passes_through_decays_and_by_an_outlier() -> None:
@@ -230,7 +230,7 @@ def test_a_file_that_is_no_wav_file_is_named(tmp_path: Path) -> None:
 
 
 def test_decays_of_a_recording_that_ends_early_are_not_measured() -> None:
-    found = partials_of(
+    measurement = partials_of(
         recording_of(strike([(800.0, 2.0, 1.0), (1500.0, 60.0, 1.0)], 0, 0.3), RATE_HZ), 2000.0
     )
-    assert found.decay_is_measured.tolist() == [False, True]
+    assert measurement.decay_is_measured.tolist() == [False, True]

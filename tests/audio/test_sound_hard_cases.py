@@ -36,8 +36,8 @@ def undamped(poisson_ratio: float = 0.19) -> Material:
 def complete(product: Product) -> bool:
     """Whether the count found every mode, and six rigid motions."""
     certificate = product.attributes["count_certificate"]
-    found = len(product["eigenvalues"])
-    return bool(certificate["holds"] and certificate["counted"] == found + 6)
+    count = len(product["eigenvalues"])
+    return bool(certificate["holds"] and certificate["counted"] == count + 6)
 
 
 def wavenumbers(product: Product, stuff: Material) -> np.ndarray:
@@ -78,9 +78,9 @@ def test_plates_from_thick_to_a_500th(
     rigidity = 2.6 * thickness**3 / (12 * (1 - 0.3**2))
     truth = np.array(PLATES[thickness]) * np.sqrt(rigidity / thickness)
     limit = (1 + max(0.03, 1.5 * tolerance)) * truth[-1] * stuff.shear_speed_m_s / (2 * np.pi)
-    found = modes_of(make(6, thickness), stuff, limit, **options)
-    np.testing.assert_allclose(wavenumbers(found, stuff), truth, rtol=tolerance)
-    assert complete(found)
+    modes = modes_of(make(6, thickness), stuff, limit, **options)
+    np.testing.assert_allclose(wavenumbers(modes, stuff), truth, rtol=tolerance)
+    assert complete(modes)
 
 
 @pytest.mark.parametrize(
@@ -88,9 +88,9 @@ def test_plates_from_thick_to_a_500th(
     [(DEFAULT, 10, 1e-3), pytest.param(FINEST, 14, 1e-4, marks=RELEASE)],
 )
 def test_a_beam_bends_and_twists(options: dict[str, Any], cells: int, tolerance: float) -> None:
-    found = modes_of(box((cells, 2, 2), (0.1, 0.01, 0.005)), undamped(), 14000.0, **options)
-    np.testing.assert_allclose(found["frequencies_hz"], BEAM, rtol=tolerance)
-    assert complete(found)
+    modes = modes_of(box((cells, 2, 2), (0.1, 0.01, 0.005)), undamped(), 14000.0, **options)
+    np.testing.assert_allclose(modes["frequencies_hz"], BEAM, rtol=tolerance)
+    assert complete(modes)
 
 
 @pytest.mark.parametrize(
@@ -102,9 +102,9 @@ def test_a_cube_has_its_multiplicities_and_the_exact_lame_mode(
     """Demarest's cube, nu 0.3; the Lame mode pi sqrt 2 is three-fold."""
     stuff = undamped(0.3)
     truth = np.repeat([2.85608, 3.84599, 3.91127, LAME, 4.57281], [2, 3, 3, 3, 3])
-    found = modes_of(box((3, 3, 3), (1, 1, 1)), stuff, 4.65 * stuff.shear_speed_m_s / (2 * np.pi), **options)
-    np.testing.assert_allclose(wavenumbers(found, stuff), truth, rtol=tolerance)
-    assert complete(found)
+    modes = modes_of(box((3, 3, 3), (1, 1, 1)), stuff, 4.65 * stuff.shear_speed_m_s / (2 * np.pi), **options)
+    np.testing.assert_allclose(wavenumbers(modes, stuff), truth, rtol=tolerance)
+    assert complete(modes)
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_a_nearly_incompressible_ball_does_not_lock() -> None:
     below = (0.5 * (truth.wavenumbers[-1] + 4.0)) ** 2
     solid = ball(0)
     bent, _ = space_on(solid, 4, 1.0, bend=True)
-    found = solve_spectrum(bent, solid.component, 0.499, below=below, max_modes=80, seed=0)
-    assert found.certificate["holds"]
-    np.testing.assert_allclose(np.sqrt(found.eta_squared), truth.repeated, rtol=1e-3)
+    spectrum = solve_spectrum(bent, solid.component, 0.499, below=below, max_modes=80, seed=0)
+    assert spectrum.certificate["holds"]
+    np.testing.assert_allclose(np.sqrt(spectrum.eta_squared), truth.repeated, rtol=1e-3)
     assert truth.multiplicities[:2].tolist() == [5, 5]

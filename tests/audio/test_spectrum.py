@@ -73,11 +73,11 @@ def plate_truth() -> np.ndarray:
 def test_a_wanted_accuracy_is_reached_and_the_estimate_is_of_the_size_of_the_error(
     accuracy_cents: float, plate_truth: np.ndarray
 ) -> None:
-    found = adapted_plate(accuracy_cents)
-    error = 1200 * np.log2(np.sqrt(found.eta_squared) / plate_truth[: len(found.eta_squared)])
+    solution = adapted_plate(accuracy_cents)
+    error = 1200 * np.log2(np.sqrt(solution.eta_squared) / plate_truth[: len(solution.eta_squared)])
     assert error.max() < max(accuracy_cents, 2.5)  # as near as order 4 comes on these elements
-    assert found.error_cents.max() < 10 * error.max()
-    assert np.mean(found.error_cents >= error) >= 0.95
+    assert solution.error_cents.max() < 10 * error.max()
+    assert np.mean(solution.error_cents >= error) >= 0.95
     assert np.all(error > -0.05)
 
 
@@ -137,9 +137,9 @@ def modes_of_plate(max_modes: int) -> Spectrum:
     return solve_spectrum(space, solid.component, 0.3, below=25.0, max_modes=max_modes, seed=0)
 
 
-def columns(found: Spectrum) -> np.ndarray:
+def columns(solution: Spectrum) -> np.ndarray:
     """Vectors (3 n, k) of modes in all functions."""
-    return found.vectors.reshape(-1, len(found.eta_squared))
+    return solution.vectors.reshape(-1, len(solution.eta_squared))
 
 
 @pytest.mark.slow
@@ -147,15 +147,15 @@ def columns(found: Spectrum) -> np.ndarray:
 def test_modes_from_a_start_are_those_found_from_scratch(max_modes: int) -> None:
     """Inverse iteration at the limit from modes of fewer functions against Lanczos; some are repeated."""
     solid, space = plate()
-    found = adapt_spectrum(space, solid.component, 0.3, Goal(25.0, 1e-3, max_modes, 10**6, 0))
+    solution = adapt_spectrum(space, solid.component, 0.3, Goal(25.0, 1e-3, max_modes, 10**6, 0))
     scratch = modes_of_plate(max_modes)
-    assert found.unknowns == scratch.unknowns
-    assert found.certificate == scratch.certificate
-    np.testing.assert_allclose(found.eta_squared, scratch.eta_squared, rtol=1e-5)
-    _, mass = assemble(found.space, 0.3)
-    one, other = (modes.vectors.reshape(-1, len(modes.eta_squared)) for modes in (found, scratch))
+    assert solution.unknowns == scratch.unknowns
+    assert solution.certificate == scratch.certificate
+    np.testing.assert_allclose(solution.eta_squared, scratch.eta_squared, rtol=1e-5)
+    _, mass = assemble(solution.space, 0.3)
+    first, second = (modes.vectors.reshape(-1, len(modes.eta_squared)) for modes in (solution, scratch))
     # Cosines of the angles between the two spaces.
-    assert np.linalg.svd(one.T @ weigh(mass, other), compute_uv=False).min() > 1 - 1e-5
+    assert np.linalg.svd(first.T @ weigh(mass, second), compute_uv=False).min() > 1 - 1e-5
 
 
 @pytest.mark.slow
@@ -164,8 +164,8 @@ def test_a_start_that_lacks_modes_is_not_believed() -> None:
     settings: dict[str, Any] = {"below": 25.0, "max_modes": 60, "seed": 0}
     whole = modes_of_plate(60)
     lacking = Eigenpairs(whole.eta_squared[::2], columns(whole)[:, ::2].copy())
-    found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
-    np.testing.assert_allclose(found.eta_squared, whole.eta_squared, rtol=1e-7)
+    solution = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
+    np.testing.assert_allclose(solution.eta_squared, whole.eta_squared, rtol=1e-7)
 
 
 @pytest.mark.parametrize("missing", [1, 12])
@@ -179,17 +179,17 @@ def test_modes_that_the_start_has_not_are_found_by_their_count(
     assert len(lacking.values) > missing + 8
     # Not by a search from scratch.
     monkeypatch.setattr("objectfolder.making.modes.spectrum.lowest_elastic", None)
-    found = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
-    np.testing.assert_allclose(found.eta_squared, whole.eta_squared, rtol=1e-5)
-    assert found.residuals.max() < 1e-4
-    assert found.certificate == whole.certificate
+    solution = solve_spectrum(space, solid.component, 0.3, start=lacking, **settings)
+    np.testing.assert_allclose(solution.eta_squared, whole.eta_squared, rtol=1e-5)
+    assert solution.residuals.max() < 1e-4
+    assert solution.certificate == whole.certificate
 
 
 def test_a_silent_body_costs_one_count() -> None:
-    found = adapted(box((3, 3, 3), (1, 1, 1)), 5.0, below=1.5)
-    assert len(found.eta_squared) == 0
-    assert found.steps == []
-    assert found.certificate["counted"] == 6
+    solution = adapted(box((3, 3, 3), (1, 1, 1)), 5.0, below=1.5)
+    assert len(solution.eta_squared) == 0
+    assert solution.steps == []
+    assert solution.certificate["counted"] == 6
 
 
 @pytest.mark.slow
@@ -197,9 +197,9 @@ def test_a_silent_body_costs_one_count() -> None:
 def test_a_compact_body_near_the_limit_is_silent_without_a_solution_in_all_functions(below: float) -> None:
     """A cube's first eta^2 is 8.16."""
     cube = box((4, 4, 4), (1, 1, 1))
-    found = adapted(cube, 5.0, below=below)
-    assert len(found.eta_squared) == 0
-    assert found.unknowns == 3 * space_on(cube, 2, 1.0)[0].size
+    solution = adapted(cube, 5.0, below=below)
+    assert len(solution.eta_squared) == 0
+    assert solution.unknowns == 3 * space_on(cube, 2, 1.0)[0].size
     assert len(adapted(cube, 5.0, below=8.3).eta_squared) == 2
 
 
@@ -210,8 +210,8 @@ def test_a_thin_body_whose_first_mode_lies_near_the_limit_is_not_called_silent()
     truth = spectrum(box((8, 2, 1), size), 1.0, 0.3, 1, order=4).eta_squared[0]
     low = spectrum(box((2, 1, 1), size), 1.0, 0.3, 1, order=2).eta_squared[0]
     assert low > 1.15 * 1.1 * truth
-    found = adapted(box((2, 1, 1), size), 5.0, below=1.1 * truth)
-    np.testing.assert_allclose(found.eta_squared, [truth], rtol=0.02)
+    solution = adapted(box((2, 1, 1), size), 5.0, below=1.1 * truth)
+    np.testing.assert_allclose(solution.eta_squared, [truth], rtol=0.02)
     assert len(adapted(box((2, 1, 1), size), 5.0, below=0.9 * truth).eta_squared) == 0
 
 
@@ -220,13 +220,13 @@ def test_six_rigid_motions_a_body_are_dropped_by_count() -> None:
     cube = box((2, 2, 2), (1, 1, 1))
     bodies = together(cube, moved(cube, (1.5, 0, 0)), moved(cube, (0, 3, 0)))
     assert bodies.components == 3
-    found = spectrum(bodies, 1.0, 0.3, 40, below=20.0)
-    assert found.certificate["rigid"] == 18
-    assert found.certificate["holds"]
+    solution = spectrum(bodies, 1.0, 0.3, 40, below=20.0)
+    assert solution.certificate["rigid"] == 18
+    assert solution.certificate["holds"]
     single = spectrum(cube, 1.0, 0.3, 40, below=20.0)
     assert len(single.eta_squared) == 11
-    np.testing.assert_allclose(found.eta_squared, np.repeat(single.eta_squared, 3), rtol=1e-6)
-    assert found.rigid_eta_squared < 1e-10
+    np.testing.assert_allclose(solution.eta_squared, np.repeat(single.eta_squared, 3), rtol=1e-6)
+    assert solution.rigid_eta_squared < 1e-10
 
 
 def test_bodies_that_touch_along_an_edge_are_parted() -> None:
@@ -277,18 +277,18 @@ def test_the_count_is_that_of_a_dense_solver() -> None:
     for index in (6, 7, 20, 60):
         between = np.sqrt(max(values[index - 1], 1e-6) * values[index])
         assert count_below(pencil, between) == index - 6
-    found = spectrum(solid, 1.0, 0.3, 30, 2)
-    np.testing.assert_allclose(found.eta_squared, values[6:36], rtol=1e-9)
-    assert found.residuals.max() < 1e-5
+    solution = spectrum(solid, 1.0, 0.3, 30, 2)
+    np.testing.assert_allclose(solution.eta_squared, values[6:36], rtol=1e-9)
+    assert solution.residuals.max() < 1e-5
 
 
 def test_modes_are_mass_normalised_and_orthogonal() -> None:
     solid = box((3, 2, 2), (1, 0.7, 0.6))
-    found = spectrum(solid, 1.0, 0.3, 20, 2)
-    _, mass = assemble(found.space, 0.3)
-    flat = found.vectors.reshape(-1, 20)
+    solution = spectrum(solid, 1.0, 0.3, 20, 2)
+    _, mass = assemble(solution.space, 0.3)
+    flat = solution.vectors.reshape(-1, 20)
     np.testing.assert_allclose(flat.T @ weigh(mass, flat), np.eye(20), atol=1e-6)
-    assert found.volume == pytest.approx(0.42)
+    assert solution.volume == pytest.approx(0.42)
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.5, -1.0, 0.7])

@@ -41,8 +41,8 @@ def test_a_weak_support_is_the_coupled_problem_to_first_order(bar: ObjectFile, k
         support = Support(points, **{kind: strength / unit})
         stiffer, faster = support.added(shapes)
         eigenvalues, decays = coupled(bar, support)
-        found = bar.modes.eigenvalues + stiffer
-        assert np.abs(600 * np.log2(found / eigenvalues)).max() < cents
+        estimates = bar.modes.eigenvalues + stiffer
+        assert np.abs(600 * np.log2(estimates / eigenvalues)).max() < cents
         np.testing.assert_allclose(bar.modes.dampings_per_s + faster, decays, rtol=share)
 
 
@@ -50,13 +50,13 @@ def test_a_support_is_heard_in_strikes_streams_and_nowhere_when_it_is_nothing(ba
     points, normals = bar.sample_contacts(2, seed=4, reachable=False)
     free = bar.strike(points, -normals, 0.05)
     np.testing.assert_array_equal(bar.strike(points, -normals, 0.05, support=Support(points)), free)
-    held = Support(points, damping_n_s_m=50.0)
-    sound = bar.strike(points, -normals, 0.05, support=held)
+    support = Support(points, damping_n_s_m=50.0)
+    sound = bar.strike(points, -normals, 0.05, support=support)
     assert (sound[:, -500:] ** 2).sum() < 0.5 * (free[:, -500:] ** 2).sum()
     np.testing.assert_array_equal(
-        sound, np.concatenate([part for _, part in bar.strikes(points, -normals, 0.05, support=held)])
+        sound, np.concatenate([part for _, part in bar.strikes(points, -normals, 0.05, support=support)])
     )
-    stream = bar.stream(support=held)
+    stream = bar.stream(support=support)
     stream.strike(points[0], -normals[0])
     np.testing.assert_allclose(stream.block(sound.shape[1])[0], sound[0], atol=1e-5)
 
@@ -100,7 +100,7 @@ def test_a_grip_is_where_it_is_and_a_foot_lies_lowest(bar: ObjectFile) -> None:
 
 
 def test_what_is_no_support_is_refused(bar: ObjectFile) -> None:
-    for given, said in (
+    for arguments, said in (
         ({"points": np.zeros(4)}, "support"),
         ({}, "support"),
         ({"rate_per_s": -1.0}, "rate_per_s"),
@@ -108,7 +108,7 @@ def test_what_is_no_support_is_refused(bar: ObjectFile) -> None:
         ({"points": np.zeros((2, 3)), "damping_n_s_m": [1.0, 2.0, 3.0]}, "damping_n_s_m"),
     ):
         with pytest.raises(QueryError, match=said):
-            Support(**given)
+            Support(**arguments)
     with pytest.raises(QueryError, match="no surface within"):
         Support.grip(bar.surface, [1.0, 0.0, 0.0], 0.01)
     with pytest.raises(QueryError, match="points"):

@@ -305,7 +305,7 @@ def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests) -> Non
         ({"out": np.zeros((1, 4410), dtype=int)}, "out"),
     ]:
         with subtests.test(change=change):
-            asked = {
+            arguments = {
                 "eigenvalues": [1e7],
                 "dampings_per_s": [1.0],
                 "amplitudes": [[1.0]],
@@ -313,7 +313,7 @@ def test_what_is_impossible_is_refused_by_name(subtests: pytest.Subtests) -> Non
                 "sample_rate_hz": 44100,
             } | change
             with pytest.raises(QueryError, match=where):
-                mode_bank(**asked)
+                mode_bank(**arguments)
 
 
 @given(

@@ -20,42 +20,42 @@ def contact() -> HertzContact:
 @pytest.mark.parametrize("speed", [0.05, 1.0, 6.0])
 def test_duration_approach_and_peak_are_those_of_the_integrated_collision(speed: float) -> None:
     """m x'' = -k x^(3/2) from x = 0 at a speed until it is 0 again."""
-    found = contact()
+    hertz = contact()
 
     def motion(t, state):
-        return [state[1], -found.stiffness / found.mass_kg * max(state[0], 0.0) ** 1.5]
+        return [state[1], -hertz.stiffness / hertz.mass_kg * max(state[0], 0.0) ** 1.5]
 
-    def parted(t, state):
+    def part(t, state):
         return state[0] if t > 0 else 1.0
 
     def turned(t, state):
         return state[1]
 
-    parted.terminal, parted.direction = True, -1
+    part.terminal, part.direction = True, -1
     solved = solve_ivp(
         motion,
         (0, 1e-2),
         [0.0, speed],
         "DOP853",
-        events=(parted, turned),
+        events=(part, turned),
         rtol=1e-12,
         atol=1e-16,
         max_step=1e-6,
     )
-    assert found.duration_s(speed) == pytest.approx(solved.t_events[0][0], rel=1e-6)
+    assert hertz.duration_s(speed) == pytest.approx(solved.t_events[0][0], rel=1e-6)
     deepest = solved.y_events[1][0][0]
-    assert found.approach_m(speed) == pytest.approx(deepest, rel=1e-8)
-    assert found.peak_force_n(speed) == pytest.approx(found.stiffness * deepest**1.5, rel=1e-8)
+    assert hertz.approach_m(speed) == pytest.approx(deepest, rel=1e-8)
+    assert hertz.peak_force_n(speed) == pytest.approx(hertz.stiffness * deepest**1.5, rel=1e-8)
 
 
 def test_published_values() -> None:
     """Two 10 mm steel balls at 1 m/s: Johnson's 2.87 (m^2 / (R E*^2 v))^(1/5)."""
     ball = ContactBody(**STEEL, radius_m=0.005, mass_kg=4.1e-3)
-    found = HertzContact.between(ball, ball)
-    assert found.mass_kg == pytest.approx(2.05e-3)
-    assert found.radius_m == pytest.approx(2.5e-3)
-    expected = 2.87 * (found.mass_kg**2 / (found.radius_m * found.modulus_pa**2 * 1.0)) ** 0.2
-    assert found.duration_s(1.0) == pytest.approx(expected, rel=2e-3)
+    hertz = HertzContact.between(ball, ball)
+    assert hertz.mass_kg == pytest.approx(2.05e-3)
+    assert hertz.radius_m == pytest.approx(2.5e-3)
+    expected = 2.87 * (hertz.mass_kg**2 / (hertz.radius_m * hertz.modulus_pa**2 * 1.0)) ** 0.2
+    assert hertz.duration_s(1.0) == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -82,34 +82,34 @@ def test_a_sphere_on_a_plate_touches_as_long_as_hertz_says(
 
 def test_the_patch_of_a_pressed_sphere_is_the_root_of_approach_and_radius() -> None:
     """a^2 = R d (Johnson, 4.23), with k d^(3/2) the force."""
-    found = contact()
-    force_n = found.stiffness * 1e-6**1.5
-    assert found.patch_radius_m(force_n) == pytest.approx(np.sqrt(found.radius_m * 1e-6), rel=1e-12)
+    hertz = contact()
+    force_n = hertz.stiffness * 1e-6**1.5
+    assert hertz.patch_radius_m(force_n) == pytest.approx(np.sqrt(hertz.radius_m * 1e-6), rel=1e-12)
 
 
 def test_a_half_sine_of_the_same_impulse_and_duration_has_nearly_the_same_peak() -> None:
-    found = contact()
-    impulse = found.impulse_n_s(2.0)
-    peak = np.pi * impulse / (2 * found.duration_s(2.0))  # of half a sine
+    hertz = contact()
+    impulse = hertz.impulse_n_s(2.0)
+    peak = np.pi * impulse / (2 * hertz.duration_s(2.0))  # of half a sine
     # 2 m v pi / (2 T) over k d^(3/2), whose ratio is a number: pi / 2.9432 * 2 / 2.5
-    assert peak / found.peak_force_n(2.0) == pytest.approx(np.pi / 2.9432 / 1.25, rel=1e-4)
+    assert peak / hertz.peak_force_n(2.0) == pytest.approx(np.pi / 2.9432 / 1.25, rel=1e-4)
 
 
 def test_speed_and_impulse_are_inverse_with_any_restitution() -> None:
-    found = contact()
+    hertz = contact()
     for restitution in (0.0, 0.4, 1.0):
         speeds = np.array([0.1, 3.0])
-        impulses = found.impulse_n_s(speeds, restitution)
-        np.testing.assert_allclose(found.speed_m_s(impulses, restitution), speeds)
-        np.testing.assert_allclose(impulses, (1 + restitution) * found.mass_kg * speeds)
+        impulses = hertz.impulse_n_s(speeds, restitution)
+        np.testing.assert_allclose(hertz.speed_m_s(impulses, restitution), speeds)
+        np.testing.assert_allclose(impulses, (1 + restitution) * hertz.mass_kg * speeds)
 
 
 def test_a_support_that_is_flat_and_does_not_move() -> None:
     table = ContactBody(**CERAMIC, radius_m=np.inf, mass_kg=np.inf)
     ball = ContactBody(**STEEL, radius_m=0.005, mass_kg=0.0041)
-    found = HertzContact.between(ball, table)
-    assert found.radius_m == pytest.approx(0.005)
-    assert found.mass_kg == pytest.approx(0.0041)
+    hertz = HertzContact.between(ball, table)
+    assert hertz.radius_m == pytest.approx(0.005)
+    assert hertz.mass_kg == pytest.approx(0.0041)
     with pytest.raises(QueryError, match="flat"):
         HertzContact.between(table, table)
 

@@ -27,7 +27,7 @@ def integrated(
     def motion(t, state):
         return [state[1], force(t) - 2 * damping * state[1] - eigenvalue * state[0]]
 
-    found = np.zeros((2, len(times)))
+    states = np.zeros((2, len(times)))
     state = np.zeros(2)
     edges = [0.0, *breaks, end]
     for begin, stop in pairwise(edges):
@@ -41,9 +41,9 @@ def integrated(
             rtol=1e-13,
             atol=1e-17,
         )
-        found[:, inside] = solved.y[:, :-1]
+        states[:, inside] = solved.y[:, :-1]
         state = solved.y[:, -1]
-    return found
+    return states
 
 
 @pytest.mark.parametrize(
@@ -121,11 +121,11 @@ def foh_truth(eigenvalue: float, damping: float, force: np.ndarray, samples: int
     step = cont2discrete(system, 1 / rate, "zoh")[0]
     padded = np.zeros(samples + 1)
     padded[: min(len(force), samples + 1)] = force[: samples + 1]
-    state, found = np.zeros(2), np.zeros((samples, 2))
+    state, states = np.zeros(2), np.zeros((samples, 2))
     for k in range(samples):
-        found[k] = state
+        states[k] = state
         state = (step @ np.array([*state, padded[k], (padded[k + 1] - padded[k]) * rate]))[:2]
-    return found
+    return states
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_impossible_forces_are_refused(subtests: pytest.Subtests) -> None:
         {"delay_samples": -1},
     ]:
         with subtests.test(change=change):
-            asked = {
+            arguments = {
                 "eigenvalues": [1e7, 2e7],
                 "dampings_per_s": [1.0, 1.0],
                 "gains": np.ones((3, 2)),
@@ -221,7 +221,7 @@ def test_impossible_forces_are_refused(subtests: pytest.Subtests) -> None:
                 "sample_rate_hz": RATE,
             } | change
             with pytest.raises(QueryError):
-                driven_bank(**asked)
+                driven_bank(**arguments)
 
 
 @given(

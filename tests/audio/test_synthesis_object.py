@@ -223,20 +223,20 @@ def test_many_contacts_take_bounded_memory() -> None:
         None,
     )
     points, forces = random.normal(size=(contacts, 3)), random.normal(size=(contacts, 3))
-    seen, kept = 0, {}
+    count, first_sounds = 0, {}
     tracemalloc.start()
     try:
         for rows, sounds, _ in body.sounds(points, forces, 40 / RATE, RATE):
-            seen += len(sounds)
+            count += len(sounds)
             if rows.start == 0:
-                kept[0] = sounds[0].copy()
+                first_sounds[0] = sounds[0].copy()
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert seen == contacts
+    assert count == contacts
     assert peak < 150e6
     (_, alone, _) = next(body.sounds(points[:1], forces[:1], 40 / RATE, RATE))
-    assert_equal_but_for_rounding(alone[0], kept[0])
+    assert_equal_but_for_rounding(alone[0], first_sounds[0])
 
 
 def test_parts_are_the_whole(bar: ObjectFile) -> None:
@@ -284,14 +284,14 @@ def test_without_a_mass_there_is_no_pressure(small_file: Path) -> None:
 
 def flipped(file: ObjectFile) -> ObjectFile:
     """Return the file with every second mode shape of the other sign, as a solver may give them."""
-    other = copy.copy(file)
+    variant = copy.copy(file)
     gains_at = file.modes.gains_at
     signs = (-1.0) ** np.arange(len(file.modes.eigenvalues))
     modes = copy.copy(file.modes)
     # Of this copy alone; `gains` asks it.
     vars(modes)["gains_at"] = lambda places: gains_at(places) * signs
-    other.sound = SoundQueries(modes, file.sound.contacts, file.description)
-    return other
+    variant.sound = SoundQueries(modes, file.sound.contacts, file.description)
+    return variant
 
 
 def test_no_velocity_of_the_surface_depends_on_the_signs_of_mode_shapes(bar: ObjectFile) -> None:
@@ -319,10 +319,10 @@ def test_the_contact_starts_with_the_velocity_that_its_modes_have_there(bar: Obj
 
 def test_striking_here_and_observing_there_is_reciprocal(bar: ObjectFile) -> None:
     """Maxwell and Betti: a push along the normal at x moves y as the same push at y moves x."""
-    (here, there), (up, out) = bar.sample_contacts(2, seed=14, reachable=False)
-    sound = bar.strike(here, up, 0.02, observed=there)
-    assert_equal_but_for_rounding(bar.strike(there, out, 0.02, observed=here), sound)
-    both = bar.strike(here, up, 0.02, observed=np.stack([there, here]))
+    (x, y), (up, out) = bar.sample_contacts(2, seed=14, reachable=False)
+    sound = bar.strike(x, up, 0.02, observed=y)
+    assert_equal_but_for_rounding(bar.strike(y, out, 0.02, observed=x), sound)
+    both = bar.strike(x, up, 0.02, observed=np.stack([y, x]))
     assert both.shape == (1, 2, len(sound[0]))
     assert_equal_but_for_rounding(both[:, 0], sound)
 

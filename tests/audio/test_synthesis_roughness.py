@@ -21,10 +21,10 @@ def test_slopes_are_white_up_to_the_width_of_the_contact():
     slopes = RoughProfile(1).slopes(np.arange(0, LENGTH_M, apart_m), width_m)
     wavenumber, power = welch(slopes, 1 / apart_m, nperseg=1024)
     inside = (wavenumber > 500) & (wavenumber < 0.8 / width_m)
-    wanted = (2 * np.pi) ** 2 / CUTOFF_M * np.sinc(wavenumber * width_m) ** 2
-    assert power[inside].mean() == pytest.approx(wanted[inside].mean(), rel=0.05)
+    expected = (2 * np.pi) ** 2 / CUTOFF_M * np.sinc(wavenumber * width_m) ** 2
+    assert power[inside].mean() == pytest.approx(expected[inside].mean(), rel=0.05)
     at_width = np.argmin(np.abs(wavenumber - 1 / width_m))
-    assert power[at_width] < 0.05 * wanted[1]
+    assert power[at_width] < 0.05 * expected[1]
 
 
 def test_twice_the_speed_is_the_same_force_in_half_the_time():

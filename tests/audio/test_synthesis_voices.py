@@ -163,9 +163,9 @@ def test_waiting_contacts_are_bounded() -> None:
         voices.strike([1.0], at=1e6)
     with pytest.raises(QueryError, match="contacts wait"):
         voices.strike([1.0])
-    other = Voices.of_modes([1e7], [1.0], RATE)
+    second = Voices.of_modes([1e7], [1.0], RATE)
     with pytest.raises(QueryError, match="contacts wait"):
-        other.strike([1.0], pulse_s=1000.0)
+        second.strike([1.0], pulse_s=1000.0)
 
 
 def test_no_mode_is_silence_and_zero_force_is_zeros() -> None:

@@ -23,10 +23,10 @@ def test_what_is_written_is_read_with_its_true_values(
     if samples == 0:
         assert path.stat().st_size == 58
         return
-    found_rate, found = wavfile.read(path)
-    assert found_rate == rate
-    assert found.dtype == np.float32
-    np.testing.assert_array_equal(found.reshape(samples, channels), (sound.T * gain).astype(np.float32))
+    file_rate, content = wavfile.read(path)
+    assert file_rate == rate
+    assert content.dtype == np.float32
+    np.testing.assert_array_equal(content.reshape(samples, channels), (sound.T * gain).astype(np.float32))
 
 
 def test_one_channel_may_be_flat(tmp_path: Path) -> None:
@@ -38,9 +38,9 @@ def test_one_channel_may_be_flat(tmp_path: Path) -> None:
 def test_by_default_a_sound_peaks_three_decibels_below_full_scale(tmp_path: Path, peak: float) -> None:
     sound = peak * np.array([[0.5, -1.0], [0.25, 0.0]])
     gain = write_wav(tmp_path / "a.wav", sound, sample_rate_hz=8000)
-    found = wavfile.read(tmp_path / "a.wav")[1]
-    assert 20 * np.log10(np.abs(found).max()) == pytest.approx(-3, abs=1e-6)
-    np.testing.assert_allclose(found.T, gain * sound, rtol=1e-6)
+    content = wavfile.read(tmp_path / "a.wav")[1]
+    assert 20 * np.log10(np.abs(content).max()) == pytest.approx(-3, abs=1e-6)
+    np.testing.assert_allclose(content.T, gain * sound, rtol=1e-6)
 
 
 def test_a_sound_brings_its_own_rate(tmp_path: Path) -> None:

@@ -65,12 +65,12 @@ class LayerContact:
         cosine = np.cos(np.outer(t, self.wave_number) / h)
         kernel = 2 / np.pi / h * (cosine * self.amplitude) @ cosine.T
         system = np.eye(len(t)) + kernel * weight
-        ones, squares = (
+        constants, squares = (
             np.linalg.solve(system, np.stack([np.ones_like(t), t * t / radius_m], axis=1)).T / np.pi
         )
         rim = 2 / np.pi / h * (np.cos(a * self.wave_number / h) * self.amplitude) @ cosine.T * weight
-        indentation = (a * a / radius_m / np.pi - rim @ squares) / (1 / np.pi - rim @ ones)
-        phi = indentation * ones - squares
+        indentation = (a * a / radius_m / np.pi - rim @ squares) / (1 / np.pi - rim @ constants)
+        phi = indentation * constants - squares
         even = np.polynomial.Polynomial.fit(t * t, phi, 10)
         peak = -2 * float(weight @ even.deriv()(t * t))
         return Paraboloid(float(indentation), a, float(2 * np.pi * weight @ phi), peak)

@@ -36,9 +36,9 @@ def sheared(matrix: np.ndarray, limit: np.ndarray, shift: np.ndarray, tolerance:
         for cell in range(len(limit)):
             own = matrix[cell, cell, 0, 0]
             left = shift - np.einsum("nij,nj->i", matrix[cell], traction)
-            wanted = traction[cell] + left / own
-            length = np.hypot(*wanted)
-            new = wanted * min(1.0, limit[cell] / length) if length > 0 else wanted
+            trial = traction[cell] + left / own
+            length = np.hypot(*trial)
+            new = trial * min(1.0, limit[cell] / length) if length > 0 else trial
             largest = max(largest, float(np.abs(new - traction[cell]).max()))
             traction[cell] = new
         if largest <= tolerance * limit.max():

@@ -43,17 +43,17 @@ def test_four_rays_lie_where_graphics_processors_put_them() -> None:
     # Direct3D's standard pattern of four, in sixteenths of a pixel from its middle, up to a mirror image.
     standard = np.array([(-2, -6), (6, -2), (-6, 2), (2, 6)]) / 16 + 0.5
     mirrored = np.stack([1 - standard[:, 0], standard[:, 1]], axis=1)
-    found = {tuple(np.round(place, 9)) for place in places(2)}
-    assert found == {tuple(np.round(place, 9)) for place in mirrored}
+    offsets = {tuple(np.round(place, 9)) for place in places(2)}
+    assert offsets == {tuple(np.round(place, 9)) for place in mirrored}
 
 
 def test_one_ray_a_pixel_passes_through_its_middle() -> None:
-    one, even = coverage_grid(SENSOR, 1), ray_grid(SENSOR, 1)
-    assert np.allclose(one.u, even.u)
-    assert np.allclose(one.v, even.v)
-    assert (one.shift == 0).all()
-    assert np.allclose(one.gel_depth, even.gel_depth)
-    assert np.array_equal(one.gel_values, even.gel_values)
+    grid, even = coverage_grid(SENSOR, 1), ray_grid(SENSOR, 1)
+    assert np.allclose(grid.u, even.u)
+    assert np.allclose(grid.v, even.v)
+    assert (grid.shift == 0).all()
+    assert np.allclose(grid.gel_depth, even.gel_depth)
+    assert np.array_equal(grid.gel_values, even.gel_values)
 
 
 @pytest.mark.parametrize("samples", [2, 3])
@@ -72,9 +72,9 @@ def test_edges_along_the_image_are_resolved_to_one_ray_of_all(samples: int) -> N
 def test_a_face_is_shaded_at_the_middle_of_the_pixels_it_fills() -> None:
     slab = sheet(-0.05, 0.05)
     pose: Any = np.eye(4)[None]
-    one, two, four = (render_poses(slab, SENSOR, pose, samples)[0] for samples in (1, 2, 4))
+    coarse, two, four = (render_poses(slab, SENSOR, pose, samples)[0] for samples in (1, 2, 4))
     # But along the sheet's diagonal, two faces a pixel have two middles.
     for finer in (two, four):
-        difference = np.abs(finer.rgb.astype(int) - one.rgb)
+        difference = np.abs(finer.rgb.astype(int) - coarse.rgb)
         assert difference.max() <= 1
         assert (difference > 0).mean() < 0.02

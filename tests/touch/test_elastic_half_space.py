@@ -125,7 +125,7 @@ def test_force_grows_with_depth_and_a_warm_start_changes_nothing_but_the_work() 
 
 def test_influence_coefficients_are_integrals_of_the_point_load() -> None:
     pitch = (0.0004, 0.0003)
-    found = influence_coefficients(SILICONE, (6, 5), pitch)
+    coefficients = influence_coefficients(SILICONE, (6, 5), pitch)
     for row, column in ((0, 1), (3, 0), (2, 4), (5, 4)):
         centre = (row * pitch[0], column * pitch[1])
         value, _ = dblquad(
@@ -136,7 +136,7 @@ def test_influence_coefficients_are_integrals_of_the_point_load() -> None:
             centre[1] + pitch[1] / 2,
             epsabs=1e-14,
         )
-        assert found[row, column] == pytest.approx(value / (np.pi * MODULUS), rel=1e-8)
+        assert coefficients[row, column] == pytest.approx(value / (np.pi * MODULUS), rel=1e-8)
     # A square under its own load: 4 ln(1 + sqrt 2) / pi of its side (Johnson 1985, equation 3.26).
     side = 0.0004
     own = influence_coefficients(SILICONE, (2, 2), (side, side))[0, 0]
@@ -156,8 +156,8 @@ def test_displacement_is_the_sum_over_all_cells_without_wrapping(
     row, column = (part.ravel() for part in np.indices(shape))
     matrix = coefficients[np.abs(row[:, None] - row), np.abs(column[:, None] - column)]
     direct = (matrix @ pressure.ravel()).reshape(shape)
-    found = Compliance(coefficients).displacement(pressure)
-    assert np.abs(found - direct).max() < 1e-12 * np.abs(direct).max()
+    displacement = Compliance(coefficients).displacement(pressure)
+    assert np.abs(displacement - direct).max() < 1e-12 * np.abs(direct).max()
     assert np.linalg.eigvalsh(matrix).min() > 0
 
 

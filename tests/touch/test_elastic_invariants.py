@@ -68,10 +68,10 @@ def test_a_force_is_carried_to_rounding(elastomer: Elastomer, seed: int, share: 
 @given(elastomers, seeds, depths, st.floats(1e-3, 1e3))
 def test_force_is_linear_in_the_modulus(elastomer: Elastomer, seed: int, depth: float, factor: float) -> None:
     stiffer = Elastomer(elastomer.youngs_modulus_pa * factor, elastomer.poisson_ratio, elastomer.thickness_m)
-    one = solve_contact(bumps(seed), PITCH, elastomer, indentation_m=depth)
-    other = solve_contact(bumps(seed), PITCH, stiffer, indentation_m=depth)
-    assert other.force_n == pytest.approx(factor * one.force_n, rel=1e-9)
-    assert np.allclose(other.displacement_m, one.displacement_m, rtol=0, atol=1e-9 * depth)
+    first = solve_contact(bumps(seed), PITCH, elastomer, indentation_m=depth)
+    second = solve_contact(bumps(seed), PITCH, stiffer, indentation_m=depth)
+    assert second.force_n == pytest.approx(factor * first.force_n, rel=1e-9)
+    assert np.allclose(second.displacement_m, first.displacement_m, rtol=0, atol=1e-9 * depth)
 
 
 @given(elastomers, seeds, depths, st.floats(1e-3, 1e3))
@@ -80,11 +80,11 @@ def test_lengths_scale_the_force_by_their_square(
 ) -> None:
     thickness = None if elastomer.thickness_m is None else factor * elastomer.thickness_m
     larger = Elastomer(elastomer.youngs_modulus_pa, elastomer.poisson_ratio, thickness)
-    one = solve_contact(bumps(seed), PITCH, elastomer, indentation_m=depth)
+    first = solve_contact(bumps(seed), PITCH, elastomer, indentation_m=depth)
     pitch = (PITCH[0] * factor, PITCH[1] * factor)
-    other = solve_contact(bumps(seed) * factor, pitch, larger, indentation_m=depth * factor)
-    assert other.force_n == pytest.approx(factor**2 * one.force_n, rel=1e-6)
-    assert np.allclose(other.pressure_pa, one.pressure_pa, rtol=0, atol=1e-5 * one.peak_pressure_pa)
+    second = solve_contact(bumps(seed) * factor, pitch, larger, indentation_m=depth * factor)
+    assert second.force_n == pytest.approx(factor**2 * first.force_n, rel=1e-6)
+    assert np.allclose(second.pressure_pa, first.pressure_pa, rtol=0, atol=1e-5 * first.peak_pressure_pa)
 
 
 @given(elastomers, seeds, depths, st.booleans(), st.booleans(), st.booleans())
@@ -96,11 +96,11 @@ def test_a_reflected_or_turned_object_makes_the_reflected_or_turned_contact(
         return field.T if turned else field
 
     gap = bumps(seed)
-    one = solve_contact(gap, PITCH, elastomer, indentation_m=depth, tolerance=1e-8)
+    first = solve_contact(gap, PITCH, elastomer, indentation_m=depth, tolerance=1e-8)
     pitch = PITCH[::-1] if turned else PITCH
-    other = solve_contact(moved(gap), pitch, elastomer, indentation_m=depth, tolerance=1e-8)
-    assert other.force_n == pytest.approx(one.force_n, rel=1e-6)
-    assert np.abs(other.pressure_pa - moved(one.pressure_pa)).max() < 1e-4 * one.peak_pressure_pa
+    second = solve_contact(moved(gap), pitch, elastomer, indentation_m=depth, tolerance=1e-8)
+    assert second.force_n == pytest.approx(first.force_n, rel=1e-6)
+    assert np.abs(second.pressure_pa - moved(first.pressure_pa)).max() < 1e-4 * first.peak_pressure_pa
 
 
 @given(elastomers, seeds, st.integers(0, 20), st.integers(0, 20))
@@ -112,10 +112,10 @@ def test_a_shifted_object_makes_the_shifted_contact(
     home = large.copy()
     home[: SHAPE[0], : SHAPE[1]] = gap
     large[down : down + SHAPE[0], right : right + SHAPE[1]] = gap
-    one = solve_contact(home, PITCH, elastomer, indentation_m=0.0003, tolerance=1e-8)
-    other = solve_contact(large, PITCH, elastomer, indentation_m=0.0003, tolerance=1e-8)
-    part = other.pressure_pa[down : down + SHAPE[0], right : right + SHAPE[1]]
-    assert np.abs(part - one.pressure_pa[: SHAPE[0], : SHAPE[1]]).max() < 1e-4 * one.peak_pressure_pa
+    first = solve_contact(home, PITCH, elastomer, indentation_m=0.0003, tolerance=1e-8)
+    second = solve_contact(large, PITCH, elastomer, indentation_m=0.0003, tolerance=1e-8)
+    part = second.pressure_pa[down : down + SHAPE[0], right : right + SHAPE[1]]
+    assert np.abs(part - first.pressure_pa[: SHAPE[0], : SHAPE[1]]).max() < 1e-4 * first.peak_pressure_pa
 
 
 @given(elastomers, seeds)
@@ -129,9 +129,9 @@ def test_force_never_falls_with_depth(elastomer: Elastomer, seed: int) -> None:
 @few_examples(10)
 def test_heights_count_from_where_the_caller_says(seed: int, offset: float) -> None:
     gel = Elastomer(2e5, 0.48, 0.004)
-    one = solve_contact(bumps(seed), PITCH, gel, indentation_m=0.0003)
-    other = solve_contact(bumps(seed) + offset, PITCH, gel, indentation_m=0.0003 + offset)
-    assert other.force_n == pytest.approx(one.force_n, rel=1e-6)
+    first = solve_contact(bumps(seed), PITCH, gel, indentation_m=0.0003)
+    second = solve_contact(bumps(seed) + offset, PITCH, gel, indentation_m=0.0003 + offset)
+    assert second.force_n == pytest.approx(first.force_n, rel=1e-6)
 
 
 def test_no_depth_no_force_and_no_force_no_depth() -> None:
@@ -179,9 +179,9 @@ def test_two_distant_contacts_press_on_each_other() -> None:
 
 
 def test_a_start_that_is_right_where_it_presses_takes_in_what_else_the_object_overlaps() -> None:
-    one, both, gel = np.full(SHAPE, np.inf), np.full(SHAPE, np.inf), Elastomer(2e5, 0.48, 0.004)
-    one[5:10, 5:10] = both[5:10, 5:10] = both[30:35, 15:20] = 0.0
-    start = solve_contact(one, PITCH, gel, indentation_m=0.0001).pressure_pa
+    block, both, gel = np.full(SHAPE, np.inf), np.full(SHAPE, np.inf), Elastomer(2e5, 0.48, 0.004)
+    block[5:10, 5:10] = both[5:10, 5:10] = both[30:35, 15:20] = 0.0
+    start = solve_contact(block, PITCH, gel, indentation_m=0.0001).pressure_pa
     contact = solve_contact(both, PITCH, gel, indentation_m=0.0001, initial_pressure_pa=start)
     assert_complementary(contact, both, 1.01e-5)
     assert contact.force_n == pytest.approx(

@@ -26,21 +26,21 @@ def paraboloid(radius: float) -> np.ndarray:
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.48, 0.5])
 def test_the_closed_form_of_waves_is_what_elasticity_integrates_to(poisson_ratio: float) -> None:
     k = np.geomspace(0.01, 11, 30)
-    found = relative_compliance(k, poisson_ratio)
-    assert found == pytest.approx(layer_compliance(k, poisson_ratio), rel=1e-11)
+    compliance = relative_compliance(k, poisson_ratio)
+    assert compliance == pytest.approx(layer_compliance(k, poisson_ratio), rel=1e-11)
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.49999, 0.5])
 def test_no_wave_number_is_lost_to_cancellation(poisson_ratio: float) -> None:
     k = np.array([1e-8, 1e-5, 1e-3, 0.05, 0.149999, 0.15, 0.299999, 0.3, 0.300001, 1, 10, 300, 1e4])
-    found = relative_compliance(k, poisson_ratio)
+    compliance = relative_compliance(k, poisson_ratio)
     with mpmath.workdps(60):
         n = mpmath.mpf(poisson_ratio)
-        for value, a in zip(found[:-1], map(mpmath.mpf, k[:-1].tolist()), strict=True):
+        for value, a in zip(compliance[:-1], map(mpmath.mpf, k[:-1].tolist()), strict=True):
             above = (3 - 4 * n) * mpmath.sinh(2 * a) - 2 * a
             below = (3 - 4 * n) * mpmath.cosh(2 * a) + 2 * a * a + 5 - 12 * n + 8 * n * n
             assert value == pytest.approx(float(above / below), rel=2e-13)
-    assert found[-1] == 1
+    assert compliance[-1] == 1
     assert relative_compliance(np.zeros(1), poisson_ratio)[0] == 0
 
 

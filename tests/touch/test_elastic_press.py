@@ -161,8 +161,8 @@ def test_presses_of_any_number_leave_bounded_memory() -> None:
 
 
 def test_no_depth_and_no_force_show_the_untouched_gel() -> None:
-    for asked in ({"depth_m": 0.0}, {"force_n": 0.0}):
-        touch = press(BALL, SENSOR, BALL_POINT, Press(**asked, contact="elastic"))
+    for load in ({"depth_m": 0.0}, {"force_n": 0.0}):
+        touch = press(BALL, SENSOR, BALL_POINT, Press(**load, contact="elastic"))
         assert np.array_equal(touch.rgb[0], no_contact_image(SENSOR))
         assert not touch.depth_m.any()
         assert not touch.mask.any()
@@ -219,16 +219,16 @@ def test_a_batch_answers_as_single_presses_do() -> None:
 @pytest.mark.parametrize("name", ["digit", "gelsight"])
 def test_the_oracle_agrees(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     points, sensor = BUMPY.surface.sample(1, 6).points, read_sensor(name)
-    asked = Press(depth_m=0.0008, samples=1, contact="elastic")
-    one = press(BUMPY, sensor, points, asked)
+    query = Press(depth_m=0.0008, samples=1, contact="elastic")
+    touches = press(BUMPY, sensor, points, query)
     grid = ray_grid(sensor, 1)
     monkeypatch.setattr("objectfolder.touch.presses.press.Simulator", ReferenceSimulator)
     monkeypatch.setattr(membrane, "_trace", lambda fields, *_: trace_membrane(fields, sensor, grid))
-    other = press(BUMPY, sensor, points, asked)
-    assert one.force_n == pytest.approx(other.force_n, rel=1e-6)
-    assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
-    assert np.abs(one.depth_m - other.depth_m).max() < 3e-7
-    assert (one.mask == other.mask).all()
+    reference = press(BUMPY, sensor, points, query)
+    assert touches.force_n == pytest.approx(reference.force_n, rel=1e-6)
+    assert np.abs(touches.rgb.astype(int) - reference.rgb).max() <= 1
+    assert np.abs(touches.depth_m - reference.depth_m).max() < 3e-7
+    assert (touches.mask == reference.mask).all()
 
 
 def test_a_flat_sensor_with_a_photometric_table_shows_a_ball() -> None:
@@ -247,16 +247,16 @@ def test_a_flat_sensor_with_a_photometric_table_shows_a_ball() -> None:
 def test_the_minis_force_is_the_measured_one() -> None:
     """Of a force sensor, on a ball of 15 mm (Helmut et al. 2024, arXiv:2411.03315)."""
     ball, depths = Surface(*sphere(0.0075, 6)), np.array([5e-4, 1e-3, 1.5e-3, 2e-3])
-    asked = Press(depth_m=depths, samples=1, cell_m=0.0003, contact="elastic")
-    touches = press(ball, read_sensor("gelsight-mini"), np.tile([[0, 0, 0.0075]], (4, 1)), asked)
+    query = Press(depth_m=depths, samples=1, cell_m=0.0003, contact="elastic")
+    touches = press(ball, read_sensor("gelsight-mini"), np.tile([[0, 0, 0.0075]], (4, 1)), query)
     assert touches.force_n == pytest.approx([1.650, 5.964, 13.526, 23.253], rel=0.03)
 
 
 def test_a_sensor_that_leans_more_than_its_pad_is_curved_presses_with_its_middle() -> None:
     sensor = read_sensor("gelsight-mini").at_resolution(60, 80)
     ball, point = Surface(*sphere(0.0075, 5)), np.tile([[0, 0, 0.0075]], (3, 1))
-    asked = Press(depth_m=0.001, tilt_deg=np.array([0, 2, 8]), samples=1, cell_m=0.0005, contact="elastic")
-    touches = press(ball, sensor, point, asked)
+    query = Press(depth_m=0.001, tilt_deg=np.array([0, 2, 8]), samples=1, cell_m=0.0005, contact="elastic")
+    touches = press(ball, sensor, point, query)
     assert touches.force_n == pytest.approx(np.full(3, touches.force_n[0]), rel=0.02)
     assert touches.mask[2].sum() > 100
 

@@ -20,31 +20,31 @@ def touch(surface: Surface, point: list[float], depth: float = 0.001, samples: i
 
 
 def test_sharp_edge() -> None:
-    found = touch(CUBE, [0.06, 0.03, 0.06])
-    assert found.reachable[0]
-    assert found.first_contact_offset_m[0] < 1e-9
+    touches = touch(CUBE, [0.06, 0.03, 0.06])
+    assert touches.reachable[0]
+    assert touches.first_contact_offset_m[0] < 1e-9
     # Two faces at 45 degrees: a ridge about twice as wide as deep, and as long as the gel's sag allows.
-    rows, columns = np.nonzero(found.mask[0])
-    assert found.mask[0].sum() > 300
+    rows, columns = np.nonzero(touches.mask[0])
+    assert touches.mask[0].sum() > 300
     extent = sorted([np.ptp(rows), np.ptp(columns)])
     assert extent[1] > 5 * extent[0]
-    assert 0.0009 < found.depth_m[0].max() <= 0.001
+    assert 0.0009 < touches.depth_m[0].max() <= 0.001
 
 
 def test_corner() -> None:
-    found = touch(CUBE, [0.06, 0.06, 0.06], depth=0.002)
-    assert found.reachable[0]
-    assert found.depth_m[0].max() > 0.0018
-    row, column = np.argwhere(found.mask[0]).mean(axis=0)
+    touches = touch(CUBE, [0.06, 0.06, 0.06], depth=0.002)
+    assert touches.reachable[0]
+    assert touches.depth_m[0].max() > 0.0018
+    row, column = np.argwhere(touches.mask[0]).mean(axis=0)
     assert abs(row - 79.5) < 3
     assert abs(column - 59.5) < 3
 
 
 def test_box_with_eight_vertices_in_the_middle_of_a_face() -> None:
-    found = touch(CUBE, [0.03, 0.03, 0.06])
-    assert np.allclose(found.normals[0], [0, 0, 1])
+    touches = touch(CUBE, [0.03, 0.03, 0.06])
+    assert np.allclose(touches.normals[0], [0, 0, 1])
     # The contact is the gel's own disc, a circle in the centre.
-    assert found.contact_area_m2[0] == pytest.approx(np.pi * 0.0081**2, rel=0.02)
+    assert touches.contact_area_m2[0] == pytest.approx(np.pi * 0.0081**2, rel=0.02)
 
 
 def test_flat_face_of_a_metre() -> None:
@@ -86,10 +86,10 @@ def test_inside_of_a_mug() -> None:
 
 def test_inside_of_a_narrow_tube_the_sensor_cannot_stand() -> None:
     tube = Surface(*mug(radius=0.012))
-    found = touch(tube, [0.008, 0.0, 0.05])
-    assert not found.reachable[0]
-    assert found.depth_m[0].max() <= found.penetration_m[0] + 1e-12
-    assert found.penetration_m[0] <= 0.001
+    touches = touch(tube, [0.008, 0.0, 0.05])
+    assert not touches.reachable[0]
+    assert touches.depth_m[0].max() <= touches.penetration_m[0] + 1e-12
+    assert touches.penetration_m[0] <= 0.001
 
 
 def test_bottom_of_a_mug_that_the_housing_does_not_fit() -> None:
@@ -100,11 +100,11 @@ def test_bottom_of_a_mug_that_the_housing_does_not_fit() -> None:
 
 
 def test_depth_of_zero_shows_the_untouched_gel() -> None:
-    found = touch(CUBE, [0.03, 0.03, 0.06], depth=0.0)
-    assert (found.rgb[0] == no_contact_image(SENSOR)).all()
-    assert not found.mask.any()
-    assert found.contact_area_m2[0] == found.penetration_m[0] == 0.0
-    assert found.reachable[0]
+    touches = touch(CUBE, [0.03, 0.03, 0.06], depth=0.0)
+    assert (touches.rgb[0] == no_contact_image(SENSOR)).all()
+    assert not touches.mask.any()
+    assert touches.contact_area_m2[0] == touches.penetration_m[0] == 0.0
+    assert touches.reachable[0]
 
 
 def test_flipped_shell_is_as_visible_as_the_shell() -> None:
@@ -112,9 +112,9 @@ def test_flipped_shell_is_as_visible_as_the_shell() -> None:
     pose = press(Surface(vertices, faces), SENSOR, vertices[:3]).sensor_to_object
     shell = render_poses(Surface(vertices, faces), SENSOR, pose)
     flipped = render_poses(Surface(vertices, faces[:, ::-1]), SENSOR, pose)
-    for one, other in zip(shell, flipped, strict=True):
-        assert one.mask.sum() > 500
-        assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
+    for image, flipped_image in zip(shell, flipped, strict=True):
+        assert image.mask.sum() > 500
+        assert np.abs(image.rgb.astype(int) - flipped_image.rgb).max() <= 1
 
 
 def test_degenerate_faces_change_nothing() -> None:
@@ -125,9 +125,9 @@ def test_degenerate_faces_change_nothing() -> None:
     last = len(vertices) + np.arange(3)
     spoilt = Surface(more, np.concatenate([faces, extra, last[None]]))
     point = vertices[40:41]
-    one, other = press(Surface(vertices, faces), SENSOR, point), press(spoilt, SENSOR, point)
-    assert (one.rgb == other.rgb).all()
-    assert np.isfinite(other.sensor_to_object).all()
+    touches, spoilt_touches = press(Surface(vertices, faces), SENSOR, point), press(spoilt, SENSOR, point)
+    assert (touches.rgb == spoilt_touches.rgb).all()
+    assert np.isfinite(spoilt_touches.sensor_to_object).all()
     # The nearest face is one without area: what it belongs to is touched.
     needle = press(spoilt, SENSOR, np.array([[0.001, 0.0, 0.021]]))
     assert needle.reachable[0]
@@ -161,43 +161,43 @@ def test_scissors_have_points_that_cannot_be_reached() -> None:
 def test_a_part_that_only_the_housing_meets_makes_a_point_unreachable() -> None:
     floor = box((-0.05, -0.05, -0.01), (0.05, 0.05, 0.0))
     pillar = box((0.0125, -0.01, 0.0), (0.0130, 0.01, 0.02))
-    found = touch(Surface(*joined(floor, pillar)), [0.0, 0.0, 0.0])
-    assert found.first_contact_offset_m[0] < 1e-9
-    assert not found.reachable[0]
+    touches = touch(Surface(*joined(floor, pillar)), [0.0, 0.0, 0.0])
+    assert touches.first_contact_offset_m[0] < 1e-9
+    assert not touches.reachable[0]
     assert touch(Surface(*floor), [0.0, 0.0, 0.0]).reachable[0]
 
 
 def test_edge_of_a_blade() -> None:
     blade = Surface(*box((0, 0, 0), (0.05, 0.02, 0.0004)))
-    found = touch(blade, [0.02, 0.02, 0.0002])
-    assert np.allclose(found.normals[0], [0, 1, 0], atol=1e-9)
-    assert found.reachable[0]
-    assert found.first_contact_offset_m[0] < 1e-9
+    touches = touch(blade, [0.02, 0.02, 0.0002])
+    assert np.allclose(touches.normals[0], [0, 1, 0], atol=1e-9)
+    assert touches.reachable[0]
+    assert touches.first_contact_offset_m[0] < 1e-9
     # A strip as wide as the blade is thick, 0.4 mm or 2.4 pixels, and as long as the gel's sag allows.
-    rows, columns = np.nonzero(found.mask[0])
+    rows, columns = np.nonzero(touches.mask[0])
     extent = sorted([np.ptp(rows) + 1, np.ptp(columns) + 1])
     assert 2 <= extent[0] <= 4
     assert extent[1] > 60
-    assert found.depth_m[0].max() == pytest.approx(0.001, abs=2e-6)
+    assert touches.depth_m[0].max() == pytest.approx(0.001, abs=2e-6)
 
 
 def test_flat_of_a_blade_from_either_side() -> None:
     blade = Surface(*box((-0.025, -0.02, -0.0002), (0.025, 0.02, 0.0002)))
     for side in (1.0, -1.0):
-        found = touch(blade, [0.0, 0.0, side * 0.0002], depth=0.002)
+        touches = touch(blade, [0.0, 0.0, side * 0.0002], depth=0.002)
         # Two millimetres deep: the far side, 0.4 mm off, is in the gel too, but behind.
-        assert np.allclose(found.normals[0], [0, 0, side], atol=1e-12)
-        assert found.reachable[0]
-        assert found.depth_m[0].max() == pytest.approx(0.002, abs=2e-6)
+        assert np.allclose(touches.normals[0], [0, 0, side], atol=1e-12)
+        assert touches.reachable[0]
+        assert touches.depth_m[0].max() == pytest.approx(0.002, abs=2e-6)
 
 
 def test_a_shell_turned_inside_out_is_pressed_from_within_and_not_invisible() -> None:
     vertices, faces = sphere(0.02, 4)
-    found = press(Surface(vertices, faces[:, ::-1]), SENSOR, vertices[[100, 700]])
-    assert np.sum(found.normals * vertices[[100, 700]], axis=1).max() < 0
+    touches = press(Surface(vertices, faces[:, ::-1]), SENSOR, vertices[[100, 700]])
+    assert np.sum(touches.normals * vertices[[100, 700]], axis=1).max() < 0
     # The sensor does not fit into the ball, and the labels say so.
-    assert not found.reachable.any()
-    assert (found.depth_m.max(axis=(1, 2)) <= found.penetration_m + 1e-12).all()
+    assert not touches.reachable.any()
+    assert (touches.depth_m.max(axis=(1, 2)) <= touches.penetration_m + 1e-12).all()
     # Where it fits, the shell shows: a hemisphere of 6 cm, open, seen from its hollow side.
     vertices, faces = sphere(0.06, 5)
     bowl = faces[vertices[faces][:, :, 2].max(axis=1) <= 0]
@@ -211,23 +211,23 @@ def test_normals_at_a_texture_seam_are_those_without_it() -> None:
     smooth = Surface(vertices, faces)
     # Every face with corners of its own, as where texture coordinates are split.
     split = Surface(vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))
-    one, other = (press(surface, SENSOR, vertices[:3]) for surface in (smooth, split))
-    assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
-    assert np.allclose(one.normals, other.normals, atol=1e-12)
+    smooth_touches, split_touches = (press(surface, SENSOR, vertices[:3]) for surface in (smooth, split))
+    assert np.abs(smooth_touches.rgb.astype(int) - split_touches.rgb).max() <= 1
+    assert np.allclose(smooth_touches.normals, split_touches.normals, atol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [1000.0, 0.001])
 def test_units_wrong_by_a_thousand_are_answered_with_labels_that_hold(factor: float) -> None:
     vertices, faces = box((0, 0, 0), (0.06, 0.06, 0.06))
-    found = touch(Surface(vertices * factor, faces), [0.03 * factor, 0.03 * factor, 0.06 * factor])
-    assert np.isfinite(found.sensor_to_object).all()
-    assert found.penetration_m[0] == 0.001
-    assert found.depth_m[0].max() <= 0.001
+    touches = touch(Surface(vertices * factor, faces), [0.03 * factor, 0.03 * factor, 0.06 * factor])
+    assert np.isfinite(touches.sensor_to_object).all()
+    assert touches.penetration_m[0] == 0.001
+    assert touches.depth_m[0].max() <= 0.001
     if factor > 1:
-        assert found.mask[0].sum() > 5000
+        assert touches.mask[0].sum() > 5000
     else:
         # Sixty micrometres: less than half of a pixel, and it may lie between the samples.
-        assert not found.mask[0].any()
+        assert not touches.mask[0].any()
 
 
 def test_depth_beyond_saturation_is_refused_and_its_limit_labelled() -> None:
@@ -255,15 +255,15 @@ def test_two_near_points_of_an_underside_give_near_images() -> None:
     )
     underside = Surface(np.stack([x, y, height], axis=1), faces)
     points = np.stack([np.linspace(-0.01, 0.01, 21), np.full(21, 0.003), np.zeros(21)], axis=1)
-    found = press(underside, SENSOR, points)
-    assert (found.normals[:, 2] < -0.999999).all()
-    rotation = found.sensor_to_object[:, :3, :3]
+    touches = press(underside, SENSOR, points)
+    assert (touches.normals[:, 2] < -0.999999).all()
+    rotation = touches.sensor_to_object[:, :3, :3]
     assert np.abs(rotation[1:] - rotation[:-1]).max() < 2e-3
-    assert min(psnr_db(a, b) for a, b in zip(found.rgb[1:], found.rgb[:-1], strict=True)) > 40
+    assert min(psnr_db(a, b) for a, b in zip(touches.rgb[1:], touches.rgb[:-1], strict=True)) > 40
 
 
 def test_a_point_on_a_corner_of_three_boxes_in_one_place() -> None:
     stacked = Surface(*joined(*(box((0, 0, 0), (0.06, 0.06, 0.06)) for _ in range(3))))
-    one, three = touch(CUBE, [0.06, 0.06, 0.06]), touch(stacked, [0.06, 0.06, 0.06])
-    assert np.allclose(one.normals, three.normals, atol=1e-12)
-    assert (one.mask == three.mask).all()
+    single, three = touch(CUBE, [0.06, 0.06, 0.06]), touch(stacked, [0.06, 0.06, 0.06])
+    assert np.allclose(single.normals, three.normals, atol=1e-12)
+    assert (single.mask == three.mask).all()

@@ -50,9 +50,9 @@ def test_a_drawn_grid_is_found(grid: MarkerGrid, noise: float, missing: float, d
     corners = np.isin(
         np.arange(len(places)), [0, grid.columns - 1, len(places) - grid.columns, len(places) - 1]
     )
-    there = places[corners | (random.random(len(places)) >= missing)]
+    dots = places[corners | (random.random(len(places)) >= missing)]
     specks = np.array([(5.0, 5.0), (9.0, 200.0), (230.0, 15.0), (233.0, 301.0), (9.0, 309.0)])[:dust]
-    picture = drawn(np.concatenate([there, specks]), grid.dot_radius_m, noise)
+    picture = drawn(np.concatenate([dots, specks]), grid.dot_radius_m, noise)
     tracking = track_markers(picture[None], picture, SENSOR)
     assert tracking is not None
     assert (tracking.grid.rows, tracking.grid.columns) == (grid.rows, grid.columns)
@@ -60,10 +60,10 @@ def test_a_drawn_grid_is_found(grid: MarkerGrid, noise: float, missing: float, d
     tolerance |= dict.fromkeys(("offset_down_m", "offset_right_m"), 3e-6)
     for name, error in {**tolerance, "rotation_deg": 0.02, "dot_radius_m": 2e-5}.items():
         assert getattr(tracking.grid, name) == pytest.approx(getattr(grid, name), abs=error), name
-    assert len(tracking.rest_pixels) == len(there)
-    assert cKDTree(there).query(tracking.rest_pixels)[0].max() < 0.3
+    assert len(tracking.rest_pixels) == len(dots)
+    assert cKDTree(dots).query(tracking.rest_pixels)[0].max() < 0.3
     assert tracking.rms_m * SCALE < 0.1
-    assert tracking.followed.tolist() == [len(there)]
+    assert tracking.followed.tolist() == [len(dots)]
 
 
 def test_dots_are_followed_where_they_move_and_lost_ones_are_counted() -> None:

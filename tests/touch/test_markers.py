@@ -86,11 +86,11 @@ def test_dots_beyond_the_border_and_over_one_another_are_drawn_as_far_as_they_sh
     white = np.full((20, 30, 3), 200, dtype=np.uint8)
     places = np.array([[-1.0, 5.0], [19.5, 29.5], [-50.0, 3.0], [60.0, 90.0], [10.0, 10.0], [10.0, 10.0]])
     dots = Markers(np.zeros((6, 3)), np.zeros((6, 3)), places, places)
-    drawn = dots.drawn_on(white, 2.0)
-    assert (drawn[0, 5] < 200).all()
-    assert (drawn[19, 29] == 0).all()
-    one = Markers(np.zeros((1, 3)), np.zeros((1, 3)), places[:1], places[4:5]).drawn_on(white, 2.0)
-    np.testing.assert_array_equal(drawn[5:15, 5:15], one[5:15, 5:15])
+    image = dots.drawn_on(white, 2.0)
+    assert (image[0, 5] < 200).all()
+    assert (image[19, 29] == 0).all()
+    dot_image = Markers(np.zeros((1, 3)), np.zeros((1, 3)), places[:1], places[4:5]).drawn_on(white, 2.0)
+    np.testing.assert_array_equal(image[5:15, 5:15], dot_image[5:15, 5:15])
     assert (white == 200).all()
 
 

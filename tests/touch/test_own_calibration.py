@@ -69,26 +69,26 @@ def test_circles_are_found_where_the_ball_was_pressed(photographs) -> None:
     blank = untouched[None].astype(int)
     noise = np.random.default_rng(1).normal(0, 1.5, blank.shape)
     prints = find_prints(np.concatenate([images.astype(int) - blank, noise]), RADIUS * scale)
-    for place, found in zip(PLACES, prints[:-1], strict=True):
-        assert isinstance(found, Print)
-        assert found.column == pytest.approx(59.5 - place[0] * scale, abs=3)
-        assert found.row == pytest.approx(79.5 - place[1] * scale, abs=3)
+    for place, mark in zip(PLACES, prints[:-1], strict=True):
+        assert isinstance(mark, Print)
+        assert mark.column == pytest.approx(59.5 - place[0] * scale, abs=3)
+        assert mark.row == pytest.approx(79.5 - place[1] * scale, abs=3)
     assert str(prints[-1]).startswith("no mark")
 
 
 @pytest.mark.slow
 def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs, calibration) -> None:
-    found, (_, untouched) = calibration, photographs
-    assert found.held_out.mean() > found.nothing.mean() + 8
-    assert found.held_out.mean() > found.mean_patch.mean()
+    result, (_, untouched) = calibration, photographs
+    assert result.held_out.mean() > result.nothing.mean() + 8
+    assert result.held_out.mean() > result.mean_patch.mean()
     # Nothing changes round a rigid touch of this sensor, and the response invents nothing.
-    assert found.held_out_around.mean() > found.held_out.mean() + 3
+    assert result.held_out_around.mean() > result.held_out.mean() + 3
     # What no ball showed is less certain than what one did.
-    steep = found.uncertainty[-1].mean()
-    assert steep > 3 * found.uncertainty[1:3].mean()
+    steep = result.uncertainty[-1].mean()
+    assert steep > 3 * result.uncertainty[1:3].mean()
     larger = Surface(*sphere(0.006, 4))
-    asked = np.array([[0.0, 0.0, 0.006]]), Press(depth_m=0.0006, samples=1)
-    truth, answer = (press(larger, one, *asked) for one in (TRUE, found.sensor))
+    query = np.array([[0.0, 0.0, 0.006]]), Press(depth_m=0.0006, samples=1)
+    truth, answer = (press(larger, sensor, *query) for sensor in (TRUE, result.sensor))
     touched = truth.mask[0]
     error = (truth.rgb[0].astype(float) - answer.rgb[0])[touched]
     empty = (truth.rgb[0].astype(float) - untouched)[touched]
@@ -98,14 +98,14 @@ def test_a_curved_gel_is_calibrated_and_says_what_it_does_not_know(photographs, 
 @pytest.mark.slow
 @pytest.mark.release("objectfolder.touch", "objectfolder.making.sensor")
 def test_a_gel_with_markers_is_calibrated_as_well_as_one_without(with_markers, calibration) -> None:
-    found = calibrate(*with_markers, TRUE, RADIUS)
-    assert found.markers is not None
-    assert found.markers.followed.tolist() == [80] * 15
-    assert found.sensor.marker_grid == found.markers.grid
-    assert found.held_out.mean() > calibration.held_out.mean() - 1.5
-    assert found.held_out_around.mean() > calibration.held_out_around.mean() - 1.5
+    result = calibrate(*with_markers, TRUE, RADIUS)
+    assert result.markers is not None
+    assert result.markers.followed.tolist() == [80] * 15
+    assert result.sensor.marker_grid == result.markers.grid
+    assert result.held_out.mean() > calibration.held_out.mean() - 1.5
+    assert result.held_out_around.mean() > calibration.held_out_around.mean() - 1.5
     # No dots are left in what it shows untouched.
-    assert np.abs(found.untouched.astype(int) - calibration.untouched).max() < 12
+    assert np.abs(result.untouched.astype(int) - calibration.untouched).max() < 12
 
 
 def test_balls_and_photographs_that_cannot_be_are_refused(photographs) -> None:
@@ -126,12 +126,12 @@ def test_photographs_that_cannot_be_used_are_named_and_others_used(tmp_path: Pat
     for name, picture in (("a.png", marked), ("b.png", grey[:4]), ("d.png", grey), ("untouched.png", grey)):
         Image.fromarray(picture).save(tmp_path / name)
     (tmp_path / "c.jpg").write_bytes(b"no picture")
-    found = read_photographs([tmp_path])
-    assert found.names == ["a.png"]
-    assert len(found.faults) == 3
-    assert "b.png: 6 x 4 pixels, the untouched one has 6 x 8" in found.faults[0]
-    assert found.faults[1].startswith("c.jpg: cannot be read")
-    assert found.faults[2] == "d.png: of one colour all over. Left out."
+    reading = read_photographs([tmp_path])
+    assert reading.names == ["a.png"]
+    assert len(reading.faults) == 3
+    assert "b.png: 6 x 4 pixels, the untouched one has 6 x 8" in reading.faults[0]
+    assert reading.faults[1].startswith("c.jpg: cannot be read")
+    assert reading.faults[2] == "d.png: of one colour all over. Left out."
     with pytest.raises(InputError, match="elsewhere is not there"):
         read_photographs([tmp_path / "elsewhere"])
     (tmp_path / "untouched.png").unlink()
@@ -153,15 +153,15 @@ def test_the_command_writes_a_sensor_that_is_read(
         Image.fromarray(picture).save(tmp_path / f"{index:02}.png")
     Image.fromarray(untouched).save(tmp_path / "background.png")
     mine = tmp_path / "mine.yaml"
-    given = [str(tmp_path), "--ball", "8", "--sensor", "digit-tacto", "-o", str(mine)]
+    command = [str(tmp_path), "--ball", "8", "--sensor", "digit-tacto", "-o", str(mine)]
 
-    def calibrate_once(*asked: object) -> OwnCalibration:
-        for part, expected in zip(asked, (images, untouched, TRUE, RADIUS), strict=True):
+    def calibrate_once(*arguments: object) -> OwnCalibration:
+        for part, expected in zip(arguments, (images, untouched, TRUE, RADIUS), strict=True):
             assert np.array_equal(part, expected)
         return calibration
 
     monkeypatch.setattr(own_calibration, "calibrate", calibrate_once)
-    assert main(["calibrate", *given]) == 0
+    assert main(["calibrate", *command]) == 0
     said = capsys.readouterr().out
     assert "15 of 15 photographs used" in said
     assert "mine.yaml, mine.npy, mine-response.npy" in said
@@ -174,9 +174,9 @@ def test_the_command_writes_a_sensor_that_is_read(
     assert sensor.photometric_table is not None
     assert sensor.indentation_response == calibration.sensor.indentation_response
     assert sensor.marker_grid == markers.grid
-    assert main(["calibrate", *given, "--overwrite", "--json"]) == 0
+    assert main(["calibrate", *command, "--overwrite", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert len(content["psnr_db"]["held_out"]) == 7
     assert content["markers"]["dots"] == content["markers"]["followed"]["00.png"] == 80
-    assert main(["calibrate", *given]) == 1
+    assert main(["calibrate", *command]) == 1
     assert "is there already" in capsys.readouterr().err

@@ -62,9 +62,9 @@ def test_a_distant_light_gives_lamberts_law() -> None:
     slope, direction = random.uniform(0, np.pi / 2, 500), random.uniform(0, 2 * np.pi, 500)
     across, up = random.uniform(-1, 1, (2, 500))
     exact = 0.5 * np.maximum(membrane_normals(slope, direction) @ light, 0) / np.cos(np.pi / 6)
-    found = table.values(slope, direction, across, up)
+    values = table.values(slope, direction, across, up)
     # Linear interpolation of a cosine over 6 degrees, and of the edge of its own shadow.
-    assert np.abs(found - exact[:, None]).max() < 0.006
+    assert np.abs(values - exact[:, None]).max() < 0.006
 
 
 def test_a_near_light_is_brighter_nearby() -> None:

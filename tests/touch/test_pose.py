@@ -126,8 +126,8 @@ def test_the_mean_normal_near_an_edge_is_the_closed_form() -> None:
     cube = Surface(*box((0, 0, 0), (0.05, 0.05, 0.05)))
     inner = 4 * (np.pi - np.arccos(0.5)) + np.sqrt(3)
     expected = np.array([3 * np.pi / 2, 0, inner])
-    found = mean_normal(cube, [0.049, 0.025, 0.05])
-    assert np.allclose(found, expected / np.linalg.norm(expected), atol=1e-9)
+    normal = mean_normal(cube, [0.049, 0.025, 0.05])
+    assert np.allclose(normal, expected / np.linalg.norm(expected), atol=1e-9)
 
 
 def test_the_other_side_of_a_thin_blade_does_not_count() -> None:
@@ -163,6 +163,6 @@ def test_the_mean_normal_moves_smoothly_with_the_point() -> None:
 def test_the_mean_normal_of_a_sphere_is_radial() -> None:
     surface = Surface(*sphere(0.02))
     samples = surface.sample(20, 0)
-    found = [mean_normal(surface, point) for point in samples.points]
+    normals = [mean_normal(surface, point) for point in samples.points]
     radial = samples.points / np.linalg.norm(samples.points, axis=1, keepdims=True)
-    assert np.sum(found * radial, axis=1).min() > np.cos(np.radians(0.5))
+    assert np.sum(normals * radial, axis=1).min() > np.cos(np.radians(0.5))

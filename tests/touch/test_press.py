@@ -138,11 +138,11 @@ def test_the_order_of_faces_and_of_their_corners_does_not_matter() -> None:
     faces = BUMPY.faces[random.permutation(len(BUMPY.faces))]
     rotation = (random.integers(0, 3, len(faces))[:, None] + np.arange(3)) % 3
     shuffled = Surface(BUMPY.vertices, np.take_along_axis(faces, rotation, axis=1))
-    one = press(BUMPY_PATCHES, SENSOR, points)
-    other = press(shuffled, SENSOR, points)
-    assert np.abs(one.rgb.astype(int) - other.rgb).max() <= 1
-    assert np.abs(one.depth_m - other.depth_m).max() < 3e-7
-    assert np.allclose(one.first_contact_offset_m, other.first_contact_offset_m, atol=1e-10)
+    touches = press(BUMPY_PATCHES, SENSOR, points)
+    shuffled_touches = press(shuffled, SENSOR, points)
+    assert np.abs(touches.rgb.astype(int) - shuffled_touches.rgb).max() <= 1
+    assert np.abs(touches.depth_m - shuffled_touches.depth_m).max() < 3e-7
+    assert np.allclose(touches.first_contact_offset_m, shuffled_touches.first_contact_offset_m, atol=1e-10)
 
 
 @given(st.integers(0, 1000), st.floats(-1, 1), st.floats(-np.pi, np.pi))
@@ -164,10 +164,10 @@ def test_moving_object_and_sensor_together_leaves_the_image(seed: int, shift: fl
 def test_a_translated_object_feels_the_same_where_it_is_pressed() -> None:
     shift = np.array([0.4, -0.3, 0.7])
     points = BUMPY.sample(3, 11).points
-    here = press(BUMPY_PATCHES, SENSOR, points)
-    there = press(Surface(BUMPY.vertices + shift, BUMPY.faces), SENSOR, points + shift)
-    assert np.abs(here.rgb.astype(int) - there.rgb).max() <= 1
-    assert np.allclose(here.sensor_to_object[:, :3, 3] + shift, there.sensor_to_object[:, :3, 3], atol=1e-9)
+    home = press(BUMPY_PATCHES, SENSOR, points)
+    away = press(Surface(BUMPY.vertices + shift, BUMPY.faces), SENSOR, points + shift)
+    assert np.abs(home.rgb.astype(int) - away.rgb).max() <= 1
+    assert np.allclose(home.sensor_to_object[:, :3, 3] + shift, away.sensor_to_object[:, :3, 3], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -75,9 +75,9 @@ def test_images_agree_with_opengl(pool: ProcessPoolExecutor, name: str) -> None:
     touch = press(surface, SENSOR, points, Press(depth_m=0.0012, tilt_deg=7.0, azimuth_deg=40.0))
     images, depths = reference(pool, surface, touch.sensor_to_object)
     background = no_contact_image(SENSOR)
-    seen = touch.mask.sum(axis=(1, 2)) > 100
-    assert seen.sum() >= 5
-    for index in np.flatnonzero(seen):
+    visible = touch.mask.sum(axis=(1, 2)) > 100
+    assert visible.sum() >= 5
+    for index in np.flatnonzero(visible):
         # The same rays find what covers a pixel; OpenGL shades at its middle where a face fills a part, too.
         assert psnr_db(images[index], touch.rgb[index]) > 53
         assert psnr_db(images[index], background) < psnr_db(images[index], touch.rgb[index]) - 8
@@ -111,21 +111,21 @@ def simulate(renderer: str) -> Product:
 def test_a_data_set_by_pyrender_has_the_labels_of_the_compiled_and_its_own_images(
     pool: ProcessPoolExecutor,
 ) -> None:
-    drawn, compiled = pool.submit(simulate, "pyrender").result(), simulate("compiled")
-    assert drawn.attributes["renderer"]["name"] == "pyrender"
-    assert drawn.attributes["renderer"]["driver"]
+    pyrender, compiled = pool.submit(simulate, "pyrender").result(), simulate("compiled")
+    assert pyrender.attributes["renderer"]["name"] == "pyrender"
+    assert pyrender.attributes["renderer"]["driver"]
     assert "renderer" not in compiled.attributes
-    assert set(drawn.arrays) - set(compiled.arrays) == {"compiled_rgb", "compiled_depth", "compiled_mask"}
+    assert set(pyrender.arrays) - set(compiled.arrays) == {"compiled_rgb", "compiled_depth", "compiled_mask"}
     for name in compiled.arrays:
-        same = np.array_equal(drawn[name], compiled[name], equal_nan=name == "force_n")
+        same = np.array_equal(pyrender[name], compiled[name], equal_nan=name == "force_n")
         assert same == (name not in {"rgb", "depth", "mask", "no_contact"}), name
     for name in ("rgb", "depth", "mask"):
-        assert np.array_equal(drawn[f"compiled_{name}"], compiled[name][compiled["held_out"]])
-    agreement = measure_renderers(drawn)
+        assert np.array_equal(pyrender[f"compiled_{name}"], compiled[name][compiled["held_out"]])
+    agreement = measure_renderers(pyrender)
     assert agreement["pyrender_psnr_contact_db"] > 45  # eight bits of one gamma turned into another: 50
     assert agreement["pyrender_mask_iou"] > 0.98
     assert agreement["pyrender_depth_rms_m"] < 2e-5
-    assert psnr_db(drawn["no_contact"], compiled["no_contact"]) > 48
+    assert psnr_db(pyrender["no_contact"], compiled["no_contact"]) > 48
     assert measure_renderers(compiled) == {}
 
 

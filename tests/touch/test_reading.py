@@ -46,9 +46,9 @@ def test_noise_is_set_by_seed_and_row_alone() -> None:
 def test_noise_neither_wraps_round_nor_touches_its_input() -> None:
     extremes = np.zeros((160, 120, 3), dtype=np.uint8)
     extremes[:80] = 255
-    kept = extremes.copy()
+    original = extremes.copy()
     noisy = with_noise(extremes, DIGIT, 0)
-    assert np.array_equal(extremes, kept)
+    assert np.array_equal(extremes, original)
     assert noisy[:80].min() > 200
     assert noisy[80:].max() < 55
 
@@ -69,8 +69,8 @@ def test_a_calibrated_image_is_tactos() -> None:
     untouched = no_contact_image(DIGIT)
     background = synthetic_background(DIGIT, 1)
     rgb = images(2)
-    found = calibrated(rgb, untouched, background, DIGIT)
-    for image, answer in zip(rgb, found, strict=True):
+    answers = calibrated(rgb, untouched, background, DIGIT)
+    for image, answer in zip(rgb, answers, strict=True):
         difference = cv2.GaussianBlur((image.astype(float) - untouched) * 0.5, (7, 7), 0)
         tacto = np.clip(difference + background, 0, 255).astype(np.uint8)
         # The last bit of a sum that falls on a whole number may round it down or not.
@@ -103,12 +103,12 @@ def test_a_background_of_another_size_or_type_is_refused(background: np.ndarray)
 
 def test_synthetic_backgrounds_are_of_one_make_but_not_the_same() -> None:
     untouched = no_contact_image(DIGIT).astype(float)
-    one, other = synthetic_background(DIGIT, 0), synthetic_background(DIGIT, 1)
-    assert np.array_equal(one, synthetic_background(DIGIT, 0))
-    assert not np.array_equal(one, other)
+    background, second_background = synthetic_background(DIGIT, 0), synthetic_background(DIGIT, 1)
+    assert np.array_equal(background, synthetic_background(DIGIT, 0))
+    assert not np.array_equal(background, second_background)
     # In the middle a channel differs by its balance and unevenness; in a corner of the image, at 36 degrees
     # from the axis, the light is down to 0.43.
-    ratio = one / untouched
+    ratio = background / untouched
     assert np.abs(ratio[75:85, 55:65] - 1).max() < 0.14
     corner = ratio[0, 0] / ratio[80, 60]
     u, v = 0.75 * np.tan(np.pi / 6), np.tan(np.pi / 6)

@@ -42,9 +42,9 @@ def test_the_way_there_must_be_as_wide_as_the_housing(gap: float, reachable: boo
     assert touch.reachable.tolist() == [reachable]
     turned = press(slit, SENSOR, np.zeros((1, 3)), Press(roll_deg=90.0))
     assert turned.reachable.all()
-    found = reach(slit, SENSOR, np.zeros((1, 3)), Press(), 24)
-    assert found.at_some_roll.all()
-    assert found.best_roll_deg.tolist() == [0.0 if reachable else 90.0]
+    reachability = reach(slit, SENSOR, np.zeros((1, 3)), Press(), 24)
+    assert reachability.at_some_roll.all()
+    assert reachability.best_roll_deg.tolist() == [0.0 if reachable else 90.0]
 
 
 def test_a_cup_is_touched_at_its_bottom_by_some_rolls_where_one_does_not_fit() -> None:
@@ -53,11 +53,11 @@ def test_a_cup_is_touched_at_its_bottom_by_some_rolls_where_one_does_not_fit() -
     cup = Surface(*mug(radius=0.028, height=0.04))
     angle = np.deg2rad(np.arange(0, 360, 15))
     ring = np.stack([0.0041 * np.cos(angle), 0.0041 * np.sin(angle), np.full(24, 0.004)], axis=1)
-    here, somewhere = press(cup, SENSOR, ring, Press(samples=1)), reach(cup, SENSOR, ring, Press(), 36)
-    assert here.reachable.tolist() == somewhere.reachable[:, 0].tolist()
-    assert 0 < here.reachable.sum() < somewhere.at_some_roll.sum()
-    found = np.flatnonzero(somewhere.at_some_roll)
-    again = press(cup, SENSOR, ring[found], Press(roll_deg=somewhere.best_roll_deg[found], samples=1))
+    touches, somewhere = press(cup, SENSOR, ring, Press(samples=1)), reach(cup, SENSOR, ring, Press(), 36)
+    assert touches.reachable.tolist() == somewhere.reachable[:, 0].tolist()
+    assert 0 < touches.reachable.sum() < somewhere.at_some_roll.sum()
+    rows = np.flatnonzero(somewhere.at_some_roll)
+    again = press(cup, SENSOR, ring[rows], Press(roll_deg=somewhere.best_roll_deg[rows], samples=1))
     assert again.reachable.all()
 
 
@@ -83,10 +83,10 @@ def test_a_roll_turns_the_sensor_about_its_axis_and_the_image_with_it(tilt: floa
         press(ridge, SENSOR, point, Press(tilt_deg=tilt, azimuth_deg=30.0, roll_deg=roll))
         for roll in (0.0, 90.0)
     )
-    one, two = still.sensor_to_object[0, :3, :3], turned.sensor_to_object[0, :3, :3]
-    assert np.allclose(one[:, 0], two[:, 0], atol=1e-12)
+    frame, rolled_frame = still.sensor_to_object[0, :3, :3], turned.sensor_to_object[0, :3, :3]
+    assert np.allclose(frame[:, 0], rolled_frame[:, 0], atol=1e-12)
     # The image's right, -y, is where the top, z, was.
-    assert np.allclose(-two[:, 1], one[:, 2], atol=1e-12)
+    assert np.allclose(-rolled_frame[:, 1], frame[:, 2], atol=1e-12)
     if not tilt:
         rows, columns = (np.ptp(np.argwhere(touch.mask[0]), axis=0) for touch in (still, turned))
         assert rows[1] > 2 * rows[0]
@@ -95,10 +95,10 @@ def test_a_roll_turns_the_sensor_about_its_axis_and_the_image_with_it(tilt: floa
 
 def test_a_whole_turn_changes_nothing() -> None:
     vertices, faces = sphere(0.02, 3)
-    one, two = (
+    touches, turned_touches = (
         press(Surface(vertices, faces), SENSOR, vertices[:3], Press(roll_deg=r)) for r in (0.0, 360.0)
     )
-    assert np.allclose(one.sensor_to_object, two.sensor_to_object, atol=1e-12)
+    assert np.allclose(touches.sensor_to_object, turned_touches.sensor_to_object, atol=1e-12)
 
 
 def test_noise_by_query_is_that_of_single_queries() -> None:

@@ -101,11 +101,11 @@ def test_a_lamp_in_the_cameras_view_or_behind_it_is_refused() -> None:
 
 @pytest.mark.parametrize("contact", ["rigid", "elastic"])
 def test_a_pressed_ball_casts_its_shadows_away_from_the_lamp(contact: str) -> None:
-    point, asked = np.array([[0.0, 0.0, 0.004]]), Press(depth_m=0.0015, samples=1, contact=contact)
+    point, query = np.array([[0.0, 0.0, 0.004]]), Press(depth_m=0.0015, samples=1, contact=contact)
     ball = Surface(*sphere(0.004, 4))
     plain = replace(FLAT, shadow_positions_m=(), shadow_shares=(), gel_thickness_m=0.004)
     dark = replace(FLAT, gel_thickness_m=0.004)
-    lost = press(ball, plain, point, asked).rgb[0].astype(int) - press(ball, dark, point, asked).rgb[0]
+    lost = press(ball, plain, point, query).rgb[0].astype(int) - press(ball, dark, point, query).rgb[0]
     assert lost.min() >= 0
     # The lamp stands at +y, the image's left.
     assert lost[40:80, 80:, 0].sum() > 20 * lost[40:80, :72, 0].sum()

@@ -93,11 +93,11 @@ def test_a_soft_patch_moves_the_surface_as_its_hankel_transform_says(
 
 def test_columns_are_moved_as_rows_are() -> None:
     gel = Elastomer(MODULUS_PA, 0.4, 0.002)
-    one = TangentialCompliance(gel, (9, 14), (3e-4, 5e-4))
-    other = TangentialCompliance(gel, (14, 9), (5e-4, 3e-4))
+    compliance = TangentialCompliance(gel, (9, 14), (3e-4, 5e-4))
+    transpose = TangentialCompliance(gel, (14, 9), (5e-4, 3e-4))
     traction = np.random.default_rng(0).normal(size=(2, 9, 14))
-    turned = other.displacement(traction[::-1].swapaxes(1, 2))
-    np.testing.assert_allclose(one.displacement(traction), turned[::-1].swapaxes(1, 2), rtol=1e-12)
+    turned = transpose.displacement(traction[::-1].swapaxes(1, 2))
+    np.testing.assert_allclose(compliance.displacement(traction), turned[::-1].swapaxes(1, 2), rtol=1e-12)
 
 
 @pytest.mark.parametrize("n", [0.0, 0.3, 0.5])
@@ -109,8 +109,8 @@ def test_a_ball_follows_cattaneo_and_mindlin(n: float, share: float) -> None:
     radius = (3 * FORCE_N * RADIUS_M / (4 * gel.contact_modulus_pa)) ** (1 / 3)
     stick = radius * (1 - share) ** (1 / 3)
     shear = solve_shear(contact, gel, FRICTION, (0.0, share * FRICTION * FORCE_N))
-    found = np.sqrt(shear.sticking.sum() * PITCH_M**2 / np.pi)
-    assert abs(found - stick) < 0.02 * radius
+    stick_radius = np.sqrt(shear.sticking.sum() * PITCH_M**2 / np.pi)
+    assert abs(stick_radius - stick) < 0.02 * radius
     rigidity = MODULUS_PA / (2 * (1 + n))
     shift = 3 * FRICTION * FORCE_N * (2 - n) / (16 * rigidity * radius) * (1 - (1 - share) ** (2 / 3))
     assert shear.shift_m[1] == pytest.approx(shift, rel=0.005)
@@ -157,11 +157,11 @@ def test_force_and_torque_slide_together_before_either_would() -> None:
     contact, force = ball(gel), 0.8 * FRICTION * FORCE_N
     limit = 3 * np.pi / 16 * FRICTION * FORCE_N * hertz_radius(gel)
     for sign in (1, -1):
-        held = solve_shear(contact, gel, FRICTION, (force, 0.0), torque_nm=sign * 0.3 * limit)
-        assert not held.sliding
+        shear = solve_shear(contact, gel, FRICTION, (force, 0.0), torque_nm=sign * 0.3 * limit)
+        assert not shear.sliding
         sliding = solve_shear(contact, gel, FRICTION, (force, 0.0), torque_nm=sign * 0.8 * limit)
         assert sliding.sliding
-        assert sign * held.twist_rad > 0
+        assert sign * shear.twist_rad > 0
         np.testing.assert_allclose(
             np.hypot(*sliding.traction_pa)[contact.mask], FRICTION * contact.pressure_pa[contact.mask]
         )
@@ -282,8 +282,8 @@ def test_a_rough_object_shears_the_surface_as_the_dense_solution(n: float) -> No
     assert 0.2 < stuck.mean() < 0.9
     shear = solve_shear(contact, gel, FRICTION, expected.sum(axis=0) * pitch**2, tolerance=1e-6)
     assert shear.shift_m == pytest.approx(shift, rel=0.003)
-    found = shear.traction_pa[:, row, column].T
-    assert np.abs(found - expected).max() < 0.01 * limit.max()
+    tractions = shear.traction_pa[:, row, column].T
+    assert np.abs(tractions - expected).max() < 0.01 * limit.max()
     assert np.count_nonzero(shear.sticking[row, column] != stuck) <= 2
     pressed = tangential_compliance(gel, gap.shape, contact.pitch_m)
     moved = shear.displacement_m - pressed.displacement_by_pressure(contact.pressure_pa)

@@ -61,14 +61,14 @@ def test_both_ways_give_the_same_images(name: str, samples: int) -> None:
         "azimuth_deg": random.uniform(0, 360, 7),
     }
     expected = reference_press(patches, SENSOR, points, Press(samples=samples, **query))
-    found = press(patches, SENSOR, points, Press(samples=samples, **query))
-    assert np.allclose(found.contact_area_m2, expected.contact_area_m2, rtol=1e-6, atol=1e-15)
+    touches = press(patches, SENSOR, points, Press(samples=samples, **query))
+    assert np.allclose(touches.contact_area_m2, expected.contact_area_m2, rtol=1e-6, atol=1e-15)
     # But for ties: a mean in the middle between two grey levels, a ray along an edge of a face.
-    difference = np.abs(found.rgb.astype(int) - expected.rgb)
+    difference = np.abs(touches.rgb.astype(int) - expected.rgb)
     assert (difference > 1).mean() < 1e-4
     assert (difference > 0).mean() < 1e-3
-    assert (found.mask != expected.mask).mean() < 1e-4
-    assert (np.abs(found.depth_m - expected.depth_m) > 2.5e-7).mean() < 1e-4
+    assert (touches.mask != expected.mask).mean() < 1e-4
+    assert (np.abs(touches.depth_m - expected.depth_m) > 2.5e-7).mean() < 1e-4
 
 
 def test_both_ways_see_the_same_at_any_pose() -> None:
@@ -78,36 +78,36 @@ def test_both_ways_see_the_same_at_any_pose() -> None:
     ).sensor_to_object
     # From far off to with the camera inside the object.
     poses[:, :3, 3] += random.uniform(-0.01, 0.03, 6)[:, None] * poses[:, :3, 0]
-    for one, other in zip(
+    for reference, image in zip(
         reference_poses(patches, SENSOR, poses),
         render_poses(patches, SENSOR, poses),
         strict=True,
     ):
-        assert (np.abs(one.rgb.astype(int) - other.rgb) > 0).mean() < 1e-3
-        assert (np.abs(one.depth - other.depth) > 2.5e-7).mean() < 1e-4
-        assert other.contact_area_m2 == pytest.approx(one.contact_area_m2, rel=1e-6)
+        assert (np.abs(reference.rgb.astype(int) - image.rgb) > 0).mean() < 1e-3
+        assert (np.abs(reference.depth - image.depth) > 2.5e-7).mean() < 1e-4
+        assert image.contact_area_m2 == pytest.approx(reference.contact_area_m2, rel=1e-6)
 
 
 @pytest.mark.parametrize("size", [(160, 120), (33, 24), (48, 30)])
 def test_both_ways_agree_at_any_resolution(size: tuple[int, int]) -> None:
     sensor, patches = SENSOR.at_resolution(*size), FacePatches(SHAPES["torus"])
     points = SHAPES["torus"].sample(3, 1).points
-    one = reference_press(patches, sensor, points)
-    other = press(patches, sensor, points)
-    assert (np.abs(one.rgb.astype(int) - other.rgb) > 0).mean() < 1e-3
+    reference = reference_press(patches, sensor, points)
+    touches = press(patches, sensor, points)
+    assert (np.abs(reference.rgb.astype(int) - touches.rgb) > 0).mean() < 1e-3
 
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_both_ways_agree_with_a_sensor_whose_colours_are_looked_up(samples: int) -> None:
     sensor, patches = read_sensor("gelsight"), FacePatches(SHAPES["bumpy ball"])
     points = SHAPES["bumpy ball"].sample(4, 2).points
-    one = reference_press(patches, sensor, points, Press(tilt_deg=10.0, samples=samples))
-    other = press(patches, sensor, points, Press(tilt_deg=10.0, samples=samples))
-    assert one.mask.any(axis=(1, 2)).all()
-    difference = np.abs(one.rgb.astype(int) - other.rgb)
+    reference = reference_press(patches, sensor, points, Press(tilt_deg=10.0, samples=samples))
+    touches = press(patches, sensor, points, Press(tilt_deg=10.0, samples=samples))
+    assert reference.mask.any(axis=(1, 2)).all()
+    difference = np.abs(reference.rgb.astype(int) - touches.rgb)
     assert difference.max() <= 1
     assert (difference > 0).mean() < 1e-3
-    assert (one.mask == other.mask).all()
+    assert (reference.mask == touches.mask).all()
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -118,9 +118,9 @@ def test_the_tree_finds_the_closest_faces_that_a_search_over_all_finds(name: str
     points = np.concatenate([points, points + random.normal(size=points.shape) * 0.01])
     face, barycentric = FacePatches(surface).closest(points)
     expected = surface.closest_points(points)
-    found = surface.points_at(face, barycentric)
-    assert np.abs(np.linalg.norm(found - points, axis=1) - expected.distance).max() < 1e-14
-    assert np.abs(found - expected.points).max() < 1e-9
+    closest = surface.points_at(face, barycentric)
+    assert np.abs(np.linalg.norm(closest - points, axis=1) - expected.distance).max() < 1e-14
+    assert np.abs(closest - expected.points).max() < 1e-9
     # At a corner of several faces it is the one of lowest index in both.
     at_vertices = slice(100, 100 + min(50, len(surface.vertices)))
     assert (face[at_vertices] == expected.face[at_vertices]).all()
@@ -211,5 +211,5 @@ def test_shading_by_table_is_the_exact_power_to_a_hundredth_of_a_grey_level() ->
         colors = tuple((factor * r, factor * g, factor * b) for r, g, b in SENSOR.light_colours)
         sensor = replace(SENSOR, light_colours=colors)
         exact = cook_torrance(sensor, positions, normals)
-        found = point_lights(sensor).shade(5000, positions.astype(np.float32), normals.astype(np.float32)).T
-        assert np.abs(found - exact).max() < 1e-2 / 255
+        shades = point_lights(sensor).shade(5000, positions.astype(np.float32), normals.astype(np.float32)).T
+        assert np.abs(shades - exact).max() < 1e-2 / 255

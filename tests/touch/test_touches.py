@@ -13,9 +13,9 @@ from objectfolder.touch.touchnet import TouchNet
 SENSOR = Sensor()
 
 
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
+def _same(first: np.ndarray, second: np.ndarray) -> bool:
     """Equal, where a force that the rigid model does not have is not a number."""
-    return np.array_equal(one, other, equal_nan=True)
+    return np.array_equal(first, second, equal_nan=True)
 
 
 def test_the_product_states_what_was_asked_and_what_came_of_it(tmp_path) -> None:
@@ -51,13 +51,13 @@ def test_an_elastic_data_set_states_the_force_of_each_touch() -> None:
 
 def test_touches_are_set_by_their_seed_alone() -> None:
     surface = bumpy(subdivisions=4)
-    one = simulate_touches(surface, SENSOR, touches=2, held_out_touches=2, seed=1)
+    touches = simulate_touches(surface, SENSOR, touches=2, held_out_touches=2, seed=1)
     same = simulate_touches(surface, SENSOR, touches=2, held_out_touches=2, seed=1)
-    assert all(_same(one[name], same[name]) for name in one.arrays)
+    assert all(_same(touches[name], same[name]) for name in touches.arrays)
     more = simulate_touches(surface, SENSOR, touches=4, held_out_touches=2, seed=1)
-    assert np.array_equal(one["rgb"][2:], more["rgb"][4:])
-    other = simulate_touches(surface, SENSOR, touches=2, held_out_touches=2, seed=2)
-    assert not np.array_equal(one["points"], other["points"])
+    assert np.array_equal(touches["rgb"][2:], more["rgb"][4:])
+    touches_of_seed_2 = simulate_touches(surface, SENSOR, touches=2, held_out_touches=2, seed=2)
+    assert not np.array_equal(touches["points"], touches_of_seed_2["points"])
 
 
 def test_points_cover_the_surface_by_area_and_not_by_vertices() -> None:

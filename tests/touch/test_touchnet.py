@@ -20,9 +20,9 @@ def net() -> TouchNet:
 
 @pytest.mark.parametrize("factor", [2, 4])
 def test_a_finer_image_shows_the_same_touch(net: TouchNet, factor: int) -> None:
-    asked = {"depth_m": np.array([0.0005, 0.001, 0.002]), "tilt_deg": 5.0, "azimuth_deg": 40.0}
-    coarse = net.press(POINTS, Press(**asked, samples=factor))
-    fine = net.press(POINTS, Press(**asked, samples=1), resolution=(160 * factor, 120 * factor))
+    query = {"depth_m": np.array([0.0005, 0.001, 0.002]), "tilt_deg": 5.0, "azimuth_deg": 40.0}
+    coarse = net.press(POINTS, Press(**query, samples=factor))
+    fine = net.press(POINTS, Press(**query, samples=1), resolution=(160 * factor, 120 * factor))
     assert fine.rgb.shape == (3, 160 * factor, 120 * factor, 3)
     means = fine.rgb.reshape(3, 160, factor, 120, factor, 3).mean(axis=(2, 4))
     # What differs: where in a pixel its rays lie, and rounding to 8 bits before the mean or after.

@@ -62,9 +62,9 @@ def test_rays_pass_through_the_points_that_project_to_them(size):
     pose = look_at(np.array([[1.0, -2.0, 0.7]]))[0]
     pixels = np.arange(size[0] * size[1])
     origins, directions = pixel_rays(pose, pixels, np.array([[0.25, 0.75]]), size, 39.6)
-    found = project(origins + 3 * directions, pose, size, 39.6)
+    projections = project(origins + 3 * directions, pose, size, 39.6)
     row, column = np.divmod(pixels, size[1])
-    np.testing.assert_allclose(found, np.stack([column + 0.25, row + 0.75], axis=1), atol=1e-9)
+    np.testing.assert_allclose(projections, np.stack([column + 0.25, row + 0.75], axis=1), atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
 
 

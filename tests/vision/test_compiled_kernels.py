@@ -35,9 +35,9 @@ def test_boxes_find_what_the_numpy_tree_finds(shape):
     hit = face >= 0
     np.testing.assert_allclose(barycentric[hit].sum(axis=1), 1.0)
     light = np.array([0.7, 0.2, 0.6])
-    wanted = random.random(2000) < 0.8
-    answer = volumes.occluded(targets, light, wanted)
-    np.testing.assert_array_equal(answer, wanted & tree.occluded(targets, light - targets))
+    selection = random.random(2000) < 0.8
+    answer = volumes.occluded(targets, light, selection)
+    np.testing.assert_array_equal(answer, selection & tree.occluded(targets, light - targets))
 
 
 def test_every_face_is_in_one_leaf_and_boxes_hold_what_is_below_them():
@@ -46,7 +46,7 @@ def test_every_face_is_in_one_leaf_and_boxes_hold_what_is_below_them():
     np.testing.assert_array_equal(np.sort(volumes.faces), np.arange(len(triangles)))
 
     def check(node: int) -> np.ndarray:
-        held = []
+        parts = []
         for side in range(2):
             child, box = volumes.children[node, side], volumes.boxes[node, side]
             if child >= 0:
@@ -55,8 +55,8 @@ def test_every_face_is_in_one_leaf_and_boxes_hold_what_is_below_them():
                 faces = volumes.faces[~child : ~child + volumes.counts[node, side]]
             assert (triangles[faces].reshape(-1, 3) > box[:3]).all()
             assert (triangles[faces].reshape(-1, 3) < box[3:]).all()
-            held.append(faces)
-        return np.concatenate(held)
+            parts.append(faces)
+        return np.concatenate(parts)
 
     assert len(check(0)) == len(triangles)
 
@@ -82,17 +82,17 @@ def test_the_rasteriser_sees_what_rays_hit(shape):
     at = Projection.of(vertices, surface.faces, pose, size, 39.6, (0, 0, *size), 0)
     slots = np.arange(at.height * at.width, dtype=np.int32).reshape(at.height, at.width)
     offsets = np.ascontiguousarray((sub_ray_offsets(samples) - 0.5).astype(np.float32).T)
-    seen, nearness = at.sample(slots, slots.size, offsets)
+    faces, nearness = at.sample(slots, slots.size, offsets)
     row, column = np.divmod(np.arange(slots.size), at.width)
     origins, directions = pixel_rays(
         pose, (row + at.top) * size[1] + column + at.left, sub_ray_offsets(samples), size, 39.6
     )
     tree = BoundingBoxTree(vertices[surface.faces])
-    expected = tree.nearest_hits(np.ascontiguousarray(origins), directions).reshape(seen.shape)
+    expected = tree.nearest_hits(np.ascontiguousarray(origins), directions).reshape(faces.shape)
     assert (expected >= 0).sum() > 1000
-    assert ((seen >= 0) != (expected >= 0)).mean() < 2e-4
-    assert (seen != expected).mean() < 2e-3
-    assert (nearness[seen >= 0] > 0).all()
+    assert ((faces >= 0) != (expected >= 0)).mean() < 2e-4
+    assert (faces != expected).mean() < 2e-3
+    assert (nearness[faces >= 0] > 0).all()
     everywhere = Projection.of(vertices, surface.faces, pose, size, 39.6, (0, 0, *size), 1000)
     assert (everywhere.height, everywhere.width) == (at.height, at.width)
 
@@ -102,9 +102,9 @@ def test_chosen_samples_are_members_of_their_groups_and_weigh_what_these_cover()
     label = random.integers(-1, 3, size=(50, 16)).astype(np.int8)
     label[:10] = 0
     offsets = (sub_ray_offsets(16) - 0.5).astype(np.float32)
-    wanted = random.integers(0, 5, size=50)
+    counts = random.integers(0, 5, size=50)
     pixel, sample, group, weight = choose_samples(
-        label, 2 * GROUPS, np.ascontiguousarray(offsets.T), wanted, TARGETS
+        label, 2 * GROUPS, np.ascontiguousarray(offsets.T), counts, TARGETS
     )
     np.testing.assert_array_equal(label[pixel, sample], group)
     assert len(np.unique(np.stack([pixel, sample]), axis=1).T) == len(pixel)
@@ -112,8 +112,8 @@ def test_chosen_samples_are_members_of_their_groups_and_weigh_what_these_cover()
         for g in range(3):
             mine = (pixel == p) & (group == g)
             size = np.count_nonzero(label[p] == g)
-            assert mine.sum() == min(wanted[p], size)
-            if wanted[p] and size:
+            assert mine.sum() == min(counts[p], size)
+            if counts[p] and size:
                 assert weight[mine].sum() == pytest.approx(size / 16)
 
 

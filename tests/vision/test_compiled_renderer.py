@@ -34,8 +34,8 @@ def camera(*position: float, target: tuple[float, ...] = (0.0, 0.0, 0.0)) -> np.
     return look_at(np.array([position]), target=np.array(target))[0]
 
 
-def psnr(one: np.ndarray, other: np.ndarray) -> float:
-    squared = (composite_on_white(one) - composite_on_white(other)) ** 2
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    squared = (composite_on_white(first) - composite_on_white(second)) ** 2
     return float(-10 * np.log10(max(squared.mean(), 1e-12)))
 
 
@@ -55,9 +55,9 @@ def assert_rays_agree(shape: str, pose: np.ndarray, lights: np.ndarray, size: in
 def test_rays_have_the_radiance_of_the_reference(shape):
     random = np.random.default_rng(3)
     for position in uniform_on_sphere(2, 2.5, random):
-        seen = assert_rays_agree(shape, camera(*position), uniform_on_sphere(2, 1.0, random))
-        assert seen[:, 3].any()
-        assert seen[:, :3].max() > 0.05
+        rgba = assert_rays_agree(shape, camera(*position), uniform_on_sphere(2, 1.0, random))
+        assert rgba[:, 3].any()
+        assert rgba[:, :3].max() > 0.05
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -72,9 +72,9 @@ def test_images_are_those_of_the_reference_and_better_with_more_sub_rays(shape):
         truth = slow.render(*query, 256)
         scores.append([psnr(truth, fast.render(*query, sub_rays)) for sub_rays in (1, 16, 64)])
         scores[-1].append(psnr(truth, slow.render(*query, 64)))
-    one, sixteen, best, reference = np.mean(scores, axis=0)
-    assert one > 30
-    assert sixteen > one
+    single, sixteen, best, reference = np.mean(scores, axis=0)
+    assert single > 30
+    assert sixteen > single
     assert best > sixteen
     # At its best no worse than the reference with as many sub-rays, but for 0.3 dB.
     assert best > reference - 0.3
@@ -92,14 +92,14 @@ def test_the_coverage_of_outlines_is_that_of_many_more_rays():
 
 
 def test_the_interior_of_a_mug_with_the_light_in_its_cavity():
-    seen = assert_rays_agree("mug", camera(0.3, 0.2, 2.4), np.array([[0.05, -0.03, 0.1]]))
-    assert seen[seen[:, 3] > 0, :3].max() > 0.05
+    rgba = assert_rays_agree("mug", camera(0.3, 0.2, 2.4), np.array([[0.05, -0.03, 0.1]]))
+    assert rgba[rgba[:, 3] > 0, :3].max() > 0.05
 
 
 def test_a_camera_inside_the_cavity_and_inside_the_box():
     inside = camera(0.1, 0.05, 0.2, target=(0.3, -0.2, -0.1))
-    seen = assert_rays_agree("mug", inside, np.array([[0.0, 0.0, 0.4]]))
-    assert seen[:, 3].all()
+    rgba = assert_rays_agree("mug", inside, np.array([[0.0, 0.0, 0.4]]))
+    assert rgba[:, 3].all()
     fast, slow = both("mug")
     query = (inside, np.array([[0.0, 0.0, 0.4]]), WHITE, (24, 24), 60.0)
     np.testing.assert_array_equal(fast.render(*query, 16)[..., 3], 1.0)

@@ -63,8 +63,8 @@ def test_the_irradiance_of_a_plane_is_that_of_the_map(height: int) -> None:
     directions, solid_angle = pixel_directions(height)
     size, level = np.array([len(around.irradiance)]), np.zeros(20)
     normals = uniform_on_sphere(20, 1.0, np.random.default_rng(0))
-    found = looked_up(around.irradiance.reshape(-1, 3), size, normals, level)
-    for normal, value in zip(normals, found, strict=True):
+    irradiance = looked_up(around.irradiance.reshape(-1, 3), size, normals, level)
+    for normal, value in zip(normals, irradiance, strict=True):
         share = np.maximum(directions @ normal, 0) * solid_angle[:, None]
         np.testing.assert_allclose(value, (sky * share[..., None]).sum(axis=(0, 1)), rtol=0.02)
 
@@ -74,8 +74,8 @@ def test_a_map_is_looked_up_where_blender_has_it() -> None:
     sky[4, 6] = 1.0
     around = Environment.of(sky)
     at = pixel_directions(16)[0]
-    seen = looked_up(around.texels, around.heights, np.ascontiguousarray(at.reshape(-1, 3)), np.zeros(512))
-    np.testing.assert_allclose(seen.reshape(sky.shape), sky, atol=1e-5)
+    rgb = looked_up(around.texels, around.heights, np.ascontiguousarray(at.reshape(-1, 3)), np.zeros(512))
+    np.testing.assert_allclose(rgb.reshape(sky.shape), sky, atol=1e-5)
 
 
 def test_directions_of_a_lobe_have_the_density_they_say() -> None:
@@ -87,11 +87,11 @@ def test_directions_of_a_lobe_have_the_density_they_say() -> None:
     direction, density = lobe_directions(
         normal, normal, camera, np.full(count, alpha2), random.random(count), random.random(count), 0.01
     )
-    sent = density > 0
-    assert sent.mean() > 0.8
+    valid = density > 0
+    assert valid.mean() > 0.8
     # The mean of 1 / density over a cap that the lobe fills is the cap's solid angle.
     mirror = 2 * (camera[0] @ normal[0]) * normal[0] - camera[0]
-    inside = sent & (direction @ mirror > 0.9)
+    inside = valid & (direction @ mirror > 0.9)
     assert (1 / density[inside]).sum() / count == pytest.approx(2 * np.pi * 0.1, rel=0.01)
 
 
@@ -133,10 +133,10 @@ def test_a_highlight_shows_the_object_where_that_hides_a_white_furnace(net: Visi
     for hidden in (False, True):
         volumes = SimpleNamespace(occluded=lambda start, *_, all_of=hidden: np.full(len(start), all_of))
         around._surface = SimpleNamespace(facets=surface.facets, volumes=volumes)
-        found = around.shown(points, gathered, cast, 4, network.alpha2)
-        matt.append(found[0])
-        gloss.append(found[1])
-        np.testing.assert_array_equal(found[2], around.outlined(points, gathered)[1])
+        parts = around.shown(points, gathered, cast, 4, network.alpha2)
+        matt.append(parts[0])
+        gloss.append(parts[1])
+        np.testing.assert_array_equal(parts[2], around.outlined(points, gathered)[1])
     assert (gloss[0] > 0).any()
     np.testing.assert_allclose(gloss[1], gloss[0] * matt[0] / np.pi, rtol=1e-6)
 
@@ -181,10 +181,10 @@ def test_a_wall_hides_the_light_behind_it(sky: np.ndarray, share: float, behind:
     """By the view factor of a rectangle from a plane at its foot (Howell's catalogue, B-4)."""
     surface = joined(box((0, -0.5, -0.1), (1, 0.5, 0)), box((-0.1, -0.5, -0.1), (0, 0.5, 0.9)))
     distance, height, half = 0.05, 0.9, 0.5
-    found = surface.closest_points(np.tile([distance, 0.0, 0.0], (16, 1)))
+    places = surface.closest_points(np.tile([distance, 0.0, 0.0], (16, 1)))
     far = np.hypot(height, distance)
     wall = (np.arctan(half / distance) - distance / far * np.arctan(half / far)) / np.pi
-    matt, _, _ = matt_radiance(white(surface), found.face, found.barycentric, sky)
+    matt, _, _ = matt_radiance(white(surface), places.face, places.barycentric, sky)
     # The irradiance of a plane that looks along a pole of the map is that of one 3 degrees off.
     assert matt.mean() == pytest.approx(np.pi * (share - behind * wall), abs=0.1)
 

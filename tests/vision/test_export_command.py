@@ -137,8 +137,8 @@ def test_errors_name_the_thing_and_the_remedy(root, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_an_object_file_becomes_gltf_with_the_colours_it_learned(small_file, tmp_path, capsys):
-    asked = ["export", str(small_file), "--format", "gltf", "--texture-side", "128"]
-    assert main([*asked, "-o", str(tmp_path / "out")]) == 0
+    command = ["export", str(small_file), "--format", "gltf", "--texture-side", "128"]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
     assert "CC0-1.0" in capsys.readouterr().out
     loaded = trimesh.load(tmp_path / "out" / "bar.glb", process=False)
     part = next(iter(loaded.geometry.values()))
@@ -159,12 +159,12 @@ def test_an_object_file_of_known_material_becomes_gltf_with_its_albedo(small_fil
     file = objectfolder.load(small_file)
     matt = Appearance(0.2, 0.0)
     maps = sample_maps(stored_mesh(bar_mesh(), file.surface), file.frame, matt, "known")
-    known = VisionNet(
+    net = VisionNet(
         file.surface, file.frame, None, {}, radiance_scale=0.3, camera_radius=2.5, maps=maps, appearance=matt
     )
     encoded = encode_surface(file.surface)
-    made = file.of_encoders(encoded, file.frame, known, file.modes, file.touch.net, file.description)
-    made.save(tmp_path / "known.safetensors")
-    asked = ["export", str(tmp_path / "known.safetensors"), "--format", "gltf", "--texture-side", "64"]
-    assert main([*asked, "-o", str(tmp_path / "out")]) == 0
+    object_file = file.of_encoders(encoded, file.frame, net, file.modes, file.touch.net, file.description)
+    object_file.save(tmp_path / "known.safetensors")
+    command = ["export", str(tmp_path / "known.safetensors"), "--format", "gltf", "--texture-side", "64"]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "known.glb").exists()

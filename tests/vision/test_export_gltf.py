@@ -90,7 +90,7 @@ def json_of(path: Path) -> dict:
 
 
 def test_reloaded_glb_shows_the_baked_colours_at_random_points(ball, tmp_path):
-    written = write_surface(
+    report = write_surface(
         tmp_path / "ball.glb", ball, lambda face, at: waves(ball.points_at(face, at)), MATT, CREDIT,
         colour="waves", side=512,
     )  # fmt: skip
@@ -100,8 +100,8 @@ def test_reloaded_glb_shows_the_baked_colours_at_random_points(ball, tmp_path):
     error = np.abs(shown(mesh, samples.face, samples.barycentric) - 255 * waves(samples.points)[:, :3])
     assert error.mean() < 1.0
     assert error.max() < 6.0
-    assert written["bytes"] == (tmp_path / "ball.glb").stat().st_size
-    assert written["texel_pitch_m"] < 0.001
+    assert report["bytes"] == (tmp_path / "ball.glb").stat().st_size
+    assert report["texel_pitch_m"] < 0.001
 
 
 def test_an_unlit_render_of_the_reloaded_glb_equals_one_of_the_surface(ball, tmp_path):
@@ -121,8 +121,8 @@ def test_an_unlit_render_of_the_reloaded_glb_equals_one_of_the_surface(ball, tmp
     assert both.sum() > 500
     assert (first.face >= 0).sum() - both.sum() < 5
     expected = 255 * waves(ball.points_at(first.face[both], first.barycentric[both]))[:, :3]
-    seen = shown(mesh, second.face[both], second.barycentric[both])
-    assert np.abs(seen - expected).mean() < 2.0
+    colours = shown(mesh, second.face[both], second.barycentric[both])
+    assert np.abs(colours - expected).mean() < 2.0
 
 
 def test_up_is_y_and_lengths_are_metres(tmp_path):
@@ -372,8 +372,8 @@ def test_nearest_texture_is_that_of_the_near_layer_of_a_thin_wall():
     normals = mesh.surface.face_normals[samples.face]
     exact = texture_colour(mesh, samples.face, samples.barycentric)
     off = samples.points + normals * np.random.default_rng(0).uniform(-3e-5, 3e-5, (300, 1))
-    found = nearest_texture_colour(mesh, off, normals)
-    assert np.abs(found - exact).max(axis=1).mean() < 0.01
+    colours = nearest_texture_colour(mesh, off, normals)
+    assert np.abs(colours - exact).max(axis=1).mean() < 0.01
     far = samples.points + 0.01 * normals
     nearest = mesh.surface.closest_points(far)
     expected = texture_colour(mesh, nearest.face, nearest.barycentric)

@@ -61,9 +61,9 @@ def views(surface: Surface) -> Product:
             camera, np.arange(HEIGHT * WIDTH), offsets, (HEIGHT, WIDTH), FIELD_OF_VIEW
         )
         hits = surface.ray_hits(frame.to_object(origins), along)
-        seen = np.concatenate([straight_colour(hits.face), np.ones((len(hits.face), 1))], axis=1)
-        seen[hits.face < 0] = 0
-        rgba[index] = seen.reshape(-1, len(offsets), 4).mean(axis=1)
+        colours = np.concatenate([straight_colour(hits.face), np.ones((len(hits.face), 1))], axis=1)
+        colours[hits.face < 0] = 0
+        rgba[index] = colours.reshape(-1, len(offsets), 4).mean(axis=1)
     return Product(
         {
             "rgba": Array(rgba.reshape(8, HEIGHT, WIDTH, 4), ("view", "y", "x", "channel"), "1", "colour"),
@@ -246,10 +246,10 @@ def test_text_and_binary_hold_one_model_and_tracks_are_consistent(views, surface
     assert text[2].keys() == binary[2].keys()
     assert len(text[2]) > 250
     for identifier, (pose, camera, name, cells) in text[1].items():
-        other = binary[1][identifier]
-        np.testing.assert_array_equal(pose, other[0])
-        assert (camera, name) == other[1:3]
-        np.testing.assert_allclose(cells, other[3], atol=1e-6)
+        record = binary[1][identifier]
+        np.testing.assert_array_equal(pose, record[0])
+        assert (camera, name) == record[1:3]
+        np.testing.assert_allclose(cells, record[3], atol=1e-6)
     for identifier, (position, colour, track) in text[2].items():
         np.testing.assert_array_equal(position, binary[2][identifier][0])
         assert colour == binary[2][identifier][1]
@@ -268,30 +268,30 @@ def test_text_and_binary_hold_one_model_and_tracks_are_consistent(views, surface
 def test_a_convex_body_is_seen_exactly_where_it_faces_the_camera(views, surface):
     posed = PosedViews.of_product(views)
     model = sparse_model(posed, surface, points=400, seed=2)
-    seen = np.zeros((len(posed), len(model.points)), dtype=bool)
-    seen[model.observed_image, model.observed_point] = True
+    visibility = np.zeros((len(posed), len(model.points)), dtype=bool)
+    visibility[model.observed_image, model.observed_point] = True
     metric = posed.unit_frame.to_object(model.points)
     normals = surface.face_normals[surface.closest_points(metric).face]
     for row, pose in enumerate(posed.camera_to_object):
         towards = pose[:3, 3] - model.points
         cosine = np.einsum("ij,ij->i", normals, towards) / np.linalg.norm(towards, axis=1)
-        assert not seen[row, cosine < -1e-6].any()
+        assert not visibility[row, cosine < -1e-6].any()
         at = project(model.points, pose, (HEIGHT, WIDTH), FIELD_OF_VIEW)
         inside = ((at >= 0) & (at < [WIDTH, HEIGHT])).all(axis=1)
         column, line = np.floor(np.where(inside[:, None], at, 0)).astype(int).T
         covered = inside & (views["rgba"][row, line, column, 3] >= 0.5)
-        np.testing.assert_array_equal(seen[row, cosine > 0.02], covered[cosine > 0.02])
+        np.testing.assert_array_equal(visibility[row, cosine > 0.02], covered[cosine > 0.02])
 
 
 def test_points_have_the_mean_colour_of_training_views_alone(views, surface):
     spoilt = views["rgba"].copy()
     spoilt[views["held_out"], ..., :3] = 0.9
-    other = Product(
+    spoilt_views = Product(
         {**views.arrays, "rgba": Array(spoilt, ("view", "y", "x", "channel"), "1", "colour")},
         views.attributes,
     )
     model = sparse_model(PosedViews.of_product(views), surface, points=300, seed=0)
-    again = sparse_model(PosedViews.of_product(other), surface, points=300, seed=0)
+    again = sparse_model(PosedViews.of_product(spoilt_views), surface, points=300, seed=0)
     np.testing.assert_array_equal(model.colours, again.colours)
     face = surface.closest_points(UnitFrame.from_dict(views.attributes["frame"]).to_object(model.points)).face
     expected = straight_srgb(np.concatenate([straight_colour(face), np.ones((len(face), 1))], axis=1))[:, :3]
@@ -389,15 +389,15 @@ def test_equal_exports_have_equal_bytes(views, surface, tmp_path):
 
 def test_a_folder_is_not_overwritten_unless_asked_and_never_half_written(tmp_path):
     folder = tmp_path / "out"
-    with new_folder(folder) as made:
-        write_json(made / MANIFEST, {"version": 1})
+    with new_folder(folder) as output:
+        write_json(output / MANIFEST, {"version": 1})
     with pytest.raises(InputError, match="ask to overwrite it"), new_folder(folder):
         pytest.fail("must not be entered")
-    with pytest.raises(ValueError, match="not JSON compliant"), new_folder(folder, overwrite=True) as made:
-        write_json(made / MANIFEST, {"version": float("nan")})
+    with pytest.raises(ValueError, match="not JSON compliant"), new_folder(folder, overwrite=True) as output:
+        write_json(output / MANIFEST, {"version": float("nan")})
     assert json.loads((folder / MANIFEST).read_text()) == {"version": 1}
-    with new_folder(folder, overwrite=True) as made:
-        write_json(made / MANIFEST, {"version": 3})
+    with new_folder(folder, overwrite=True) as output:
+        write_json(output / MANIFEST, {"version": 3})
     assert json.loads((folder / MANIFEST).read_text()) == {"version": 3}
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
@@ -420,8 +420,8 @@ def test_a_product_of_another_kind_is_named_with_what_it_lacks(views):
 
 
 def test_credit_keeps_what_is_known_and_says_what_is_not():
-    known = Credit.of_record("mug", {"name": "Mug", "licence": "CC-BY-4.0", "attribution": "A. Potter"})
-    assert "CC-BY-4.0" in known.to_text()
-    assert "A. Potter" in known.to_text()
-    assert known.source == "not stated"
+    credit = Credit.of_record("mug", {"name": "Mug", "licence": "CC-BY-4.0", "attribution": "A. Potter"})
+    assert "CC-BY-4.0" in credit.to_text()
+    assert "A. Potter" in credit.to_text()
+    assert credit.source == "not stated"
     assert Credit.of_record("mug", None) == Credit("mug", "mug")

@@ -33,8 +33,8 @@ def cup() -> Surface:
     ring = [1, 3, 7, 5]
     rim = [
         face
-        for here, there in zip(ring, ring[1:] + ring[:1], strict=True)
-        for face in ([here, there + 8, there], [here, here + 8, there + 8])
+        for start, end in zip(ring, ring[1:] + ring[:1], strict=True)
+        for face in ([start, end + 8, end], [start, start + 8, end + 8])
     ]
     return Surface(
         np.concatenate([outside[0], inside[0]]),
@@ -66,8 +66,8 @@ def test_a_light_inside_a_closed_cavity_lights_the_inside_alone(way: str) -> Non
     outside = uniform_on_sphere(200, 2.5, np.random.default_rng(0))
     assert not irradiance(net, outside, np.zeros((200, 3)), light).any()
     # The wall x = 0.4 from within: 0.3 away, head on.
-    seen = irradiance(net, np.array([[0.0, 0.05, 0.0]]), np.array([[0.4, 0.05, 0.0]]), light)
-    assert seen[0] == pytest.approx(1 / 0.3**2, rel=1e-6)
+    values = irradiance(net, np.array([[0.0, 0.05, 0.0]]), np.array([[0.4, 0.05, 0.0]]), light)
+    assert values[0] == pytest.approx(1 / 0.3**2, rel=1e-6)
     images = net.render(look_at(outside[:3]), light, 20, FIELD_OF_VIEW, 16)
     assert np.isfinite(images).all()
     within = net.render(look_at(np.array([[-0.3, 0.0, 0.0]])), light, 20, 90.0, 16)
@@ -111,14 +111,14 @@ def test_a_light_at_the_camera_and_one_a_hair_above_the_surface_are_finite(cubic
 def test_a_camera_inside_the_box_sees_the_walls_from_within(cubic: VisionNet) -> None:
     camera = look_at(np.array([[0.1, 0.05, -0.1]]), target=np.array([0.5, 0.05, -0.1]))
     light = np.array([0.3, 0.0, 0.2])
-    drawn = cubic.render(camera, light, 32, 60.0, 16, passes=["rgba", "depth", "normal"])
-    assert np.isfinite(drawn["rgba"]).all()
-    assert (drawn["rgba"][..., 3] == 1).all()
-    np.testing.assert_allclose(drawn["depth"][0, 10:22, 10:22], 0.4, atol=1e-6)
+    passes = cubic.render(camera, light, 32, 60.0, 16, passes=["rgba", "depth", "normal"])
+    assert np.isfinite(passes["rgba"]).all()
+    assert (passes["rgba"][..., 3] == 1).all()
+    np.testing.assert_allclose(passes["depth"][0, 10:22, 10:22], 0.4, atol=1e-6)
     # The side that is seen decides: the normal of the outer face is turned to the camera.
     expected = np.broadcast_to([-1.0, 0, 0], (12, 12, 3))
-    np.testing.assert_allclose(drawn["normal"][0, 10:22, 10:22], expected, atol=1e-6)
-    assert drawn["rgba"][0, 16, 16, :3].max() > 0
+    np.testing.assert_allclose(passes["normal"][0, 10:22, 10:22], expected, atol=1e-6)
+    assert passes["rgba"][0, 16, 16, :3].max() > 0
 
 
 @pytest.mark.parametrize("pole", [1.0, -1.0])
@@ -140,13 +140,13 @@ def test_an_empty_image_is_empty_in_every_pass(cubic: VisionNet) -> None:
     away = look_at(np.array([[0.0, 0.0, 2.5]]), target=np.array([0.0, 0.0, 5.0]))
     beside = look_at(np.array([[0.0, 0.0, 2.5]]), target=np.array([5.0, 0.0, 2.0]))
     for camera in (away, beside):
-        drawn = cubic.render(
+        passes = cubic.render(
             camera, np.ones(3), 16, FIELD_OF_VIEW, passes=["rgba", "depth", "normal", "mask"]
         )
-        assert not drawn["rgba"].any()
-        assert np.isinf(drawn["depth"]).all()
-        assert not drawn["normal"].any()
-        assert not drawn["mask"].any()
+        assert not passes["rgba"].any()
+        assert np.isinf(passes["depth"]).all()
+        assert not passes["normal"].any()
+        assert not passes["mask"].any()
     assert cubic.render(np.zeros((0, 4, 4)), np.zeros((0, 3)), 16, FIELD_OF_VIEW).shape == (0, 16, 16, 4)
 
 
@@ -184,12 +184,12 @@ def test_images_that_are_not_square_are_parts_of_the_square_one(cubic: VisionNet
 def test_each_component_of_an_object_shadows_the_others(way: str) -> None:
     pair = joined(box([-0.5, -0.2, -0.2], [-0.1, 0.2, 0.2]), box([0.1, -0.2, -0.2], [0.5, 0.2, 0.2]))
     net = visionnet(pair, way)
-    drawn = net.render(
+    passes = net.render(
         look_at(np.array([[0.0, -2.5, 0.0]])), np.array([0.9, 0.0, 0.0]), 60, FIELD_OF_VIEW, 16,
         passes=["rgba", "mask"],
     )  # fmt: skip
     # Two pieces with a gap in the middle of the image.
-    row = drawn["mask"][0, 30]
+    row = passes["mask"][0, 30]
     assert np.count_nonzero(np.diff(row.astype(int)) == 1) == 2
     assert not row[30]
     # The light is to the right: the left piece's right side lies in the shadow of the right piece.
@@ -210,9 +210,9 @@ def test_flipped_shells_look_as_those_that_are_not(cubic: VisionNet, way: str) -
     for surface in (flipped, some):
         net = visionnet(surface, way)
         net._weights, net._grid = cubic._weights, cubic._grid
-        drawn = net.render(camera, light, 30, FIELD_OF_VIEW, 4, passes=["rgba", "normal"])
-        np.testing.assert_allclose(drawn["rgba"], expected["rgba"], rtol=1e-4, atol=1e-5)
-        np.testing.assert_allclose(drawn["normal"], expected["normal"], atol=1e-6)
+        passes = net.render(camera, light, 30, FIELD_OF_VIEW, 4, passes=["rgba", "normal"])
+        np.testing.assert_allclose(passes["rgba"], expected["rgba"], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(passes["normal"], expected["normal"], atol=1e-6)
 
 
 def test_shells_that_cut_through_one_another_are_drawn_from_both_sides(way: str) -> None:

@@ -85,13 +85,13 @@ def matt_radiance(passes: Passes, view: int, pose, light, field_of_view=FIELD_OF
     return (passes.albedo[view].reshape(-1, 3) * irradiance[:, None]).reshape(*SIZE, 3)
 
 
-def assert_matt(found: np.ndarray, scene: Scene, light, least_share: float = 0.9) -> Passes:
+def assert_matt(rgba: np.ndarray, scene: Scene, light, least_share: float = 0.9) -> Passes:
     """Image and passes agree wherever a pixel is not crossed by an edge of a quad or a texel."""
     passes = cast_passes(scene, FRONT, SIZE, FIELD_OF_VIEW)
-    whole = found[..., 3] == 1
-    np.testing.assert_array_equal(found[..., 3] > 0.5, passes.mask[0])
+    whole = rgba[..., 3] == 1
+    np.testing.assert_array_equal(rgba[..., 3] > 0.5, passes.mask[0])
     expected = matt_radiance(passes, 0, FRONT[0], np.asarray(light))
-    agrees = np.isclose(found[..., :3], expected, rtol=0.02, atol=2e-3).all(axis=-1)
+    agrees = np.isclose(rgba[..., :3], expected, rtol=0.02, atol=2e-3).all(axis=-1)
     assert agrees[whole].mean() > least_share
     return passes
 
@@ -99,19 +99,19 @@ def assert_matt(found: np.ndarray, scene: Scene, light, least_share: float = 0.9
 def test_white_on_white():
     light = np.array([0.3, -1.2, 0.2])
     white = scene([(0.0, 0.0, 0.4, uniform(255, 255, 255, 255), SQUARE)])
-    found = rendered(white, light)[0]
-    passes = assert_matt(found, white, light, 0.99)
+    rgba = rendered(white, light)[0]
+    passes = assert_matt(rgba, white, light, 0.99)
     np.testing.assert_array_equal(passes.albedo[0][passes.mask[0]], 1.0)
     # On white only what is below full radiance can be told from the background; alpha and mask always can.
-    assert composite_on_white(found)[~passes.mask[0]].min() > 0.5
-    assert 0.1 < found[..., 3].mean() < 0.5
+    assert composite_on_white(rgba)[~passes.mask[0]].min() > 0.5
+    assert 0.1 < rgba[..., 3].mean() < 0.5
 
 
 def test_black_object():
-    found = rendered(scene([(0.0, 0.0, 0.4, uniform(0, 0, 0, 255), SQUARE)]), [0.0, -1.0, 0.0])[0]
-    assert (found[..., :3] == 0).all()
-    assert composite_on_white(found)[12, 18].tolist() == [0, 0, 0]
-    np.testing.assert_array_equal(found[0, 0], 0)
+    rgba = rendered(scene([(0.0, 0.0, 0.4, uniform(0, 0, 0, 255), SQUARE)]), [0.0, -1.0, 0.0])[0]
+    assert (rgba[..., :3] == 0).all()
+    assert composite_on_white(rgba)[12, 18].tolist() == [0, 0, 0]
+    np.testing.assert_array_equal(rgba[0, 0], 0)
 
 
 def test_texture_of_one_colour():
@@ -120,10 +120,10 @@ def test_texture_of_one_colour():
     many = np.tile(uniform(*colour), (64, 32, 1))
     pair = scene([(-0.3, 0.0, 0.25, many, SQUARE), (0.3, 0.0, 0.25, uniform(*colour), SQUARE)])
     light = [0.0, -1.1, 0.2]
-    found = rendered(pair, light)[0]
-    assert_matt(found, pair, light, 0.99)
-    whole = (found[..., 3] == 1) & (found[:, ::-1, 3] == 1)
-    np.testing.assert_allclose(found[whole], found[:, ::-1][whole], rtol=0.02)
+    rgba = rendered(pair, light)[0]
+    assert_matt(rgba, pair, light, 0.99)
+    whole = (rgba[..., 3] == 1) & (rgba[:, ::-1, 3] == 1)
+    np.testing.assert_allclose(rgba[whole], rgba[:, ::-1][whole], rtol=0.02)
 
 
 @pytest.fixture(scope="module")
@@ -135,8 +135,8 @@ def coordinates() -> tuple[np.ndarray, Passes]:
          (0.5, 0.0, 0.22, QUARTERS, far)]
     )  # fmt: skip
     light = [0.1, -1.3, 0.4]
-    found = rendered(row, light)[0]
-    return found, assert_matt(found, row, light, 0.6)
+    rgba = rendered(row, light)[0]
+    return rgba, assert_matt(rgba, row, light, 0.6)
 
 
 def colour_names(image: np.ndarray, place_x: float) -> list[str]:
@@ -152,8 +152,8 @@ def colour_names(image: np.ndarray, place_x: float) -> list[str]:
 
 
 def test_mirrored_texture_coordinates(coordinates):
-    found, passes = coordinates
-    for image in (found, passes.albedo[0].astype(float)):
+    rgba, passes = coordinates
+    for image in (rgba, passes.albedo[0].astype(float)):
         assert colour_names(image, -0.5) == ["red", "green", "blue", "white"]
         assert colour_names(image, 0.0) == ["green", "red", "white", "blue"]
     normals = passes.normal[0][passes.mask[0]].astype(float)
@@ -161,8 +161,8 @@ def test_mirrored_texture_coordinates(coordinates):
 
 
 def test_texture_coordinates_outside_the_unit_square_repeat(coordinates):
-    found, passes = coordinates
-    for image in (found, passes.albedo[0].astype(float)):
+    rgba, passes = coordinates
+    for image in (rgba, passes.albedo[0].astype(float)):
         assert colour_names(image, 0.5) == colour_names(image, -0.5)
 
 
@@ -198,9 +198,9 @@ def test_alpha_holes_let_light_through_onto_what_is_behind():
     between = look_at(np.array([[0.0, -0.2, 0.0]]), np.array([0.0, 1.0, 0.0]))
     light = np.array([0.0, -1.4, 0.0])
     front = rendered(leaves, light)[0]
-    seen = cast_passes(leaves, FRONT, SIZE, FIELD_OF_VIEW)
-    np.testing.assert_array_equal(front[..., 3] > 0.5, seen.mask[0])
-    assert seen.depth[0, 12, [13, 18]] == pytest.approx([2.1, 2.9])
+    front_passes = cast_passes(leaves, FRONT, SIZE, FIELD_OF_VIEW)
+    np.testing.assert_array_equal(front[..., 3] > 0.5, front_passes.mask[0])
+    assert front_passes.depth[0, 12, [13, 18]] == pytest.approx([2.1, 2.9])
     np.testing.assert_array_equal(front[12, 13, :3], 0)
     assert front[12, 13, 3] == front[12, 18, 3] == 1
     expected = srgb_decode(188 / 255) * LIGHT_POWER_W / (4 * np.pi**2) / 1.8**2
@@ -225,10 +225,10 @@ def test_alpha_that_blends_is_coverage():
     """Nothing behind a leaf of alpha 0.6: that much is covered, and the straight colour is not darkened."""
     light = np.array([0.0, -1.0, 0.0])
     texture = uniform(188, 188, 188, 153)
-    found = rendered(scene([(0.0, 0.0, 0.4, texture, SQUARE)]), light, samples=1024)[0, 11:13, 17:19]
-    np.testing.assert_allclose(found[..., 3], 0.6, atol=0.02)
+    rgba = rendered(scene([(0.0, 0.0, 0.4, texture, SQUARE)]), light, samples=1024)[0, 11:13, 17:19]
+    np.testing.assert_allclose(rgba[..., 3], 0.6, atol=0.02)
     expected = srgb_decode(188 / 255) * LIGHT_POWER_W / (4 * np.pi**2)
-    np.testing.assert_allclose(found[..., :3] / found[..., 3:], expected, rtol=0.03)
+    np.testing.assert_allclose(rgba[..., :3] / rgba[..., 3:], expected, rtol=0.03)
 
 
 # Columns of a quad of half side 0.4 whose pixels lie whole in one half of it and off the rim, where the
@@ -291,9 +291,9 @@ def test_constant_map_of_normals_shades_as_a_tilted_plane(light):
         upright.repeat(mask.sum(), 0), bent[mask], towards[mask]
     ) * -towards[mask][:, 1] / (bent[mask] * towards[mask]).sum(axis=1)  # fmt: skip
     expected = matt_radiance(passes, 0, FRONT[0], light)[mask] * share[:, None]
-    found = rendered(quad, light)[0]
-    whole = found[..., 3][mask] == 1
-    np.testing.assert_allclose(found[mask][whole][:, :3], expected[whole], rtol=0.01, atol=1e-3)
+    rgba = rendered(quad, light)[0]
+    whole = rgba[..., 3][mask] == 1
+    np.testing.assert_allclose(rgba[mask][whole][:, :3], expected[whole], rtol=0.01, atol=1e-3)
 
 
 # A bare child takes 310 MiB, the texture 64 MiB a copy.
@@ -316,7 +316,7 @@ def _large_texture() -> tuple[float, float, int]:
     texture[..., 3] = 255
     light = [0.0, -1.0, 0.0]
     quad = scene([(0.0, 0.0, 0.4, texture, SQUARE)])
-    found = render_in_children(quad, shots_of(light, samples=64))[0].astype(np.float64)
+    rgba = render_in_children(quad, shots_of(light, samples=64))[0].astype(np.float64)
     albedo = srgb_decode(bilinear(texture, random.random((100_000, 2)))[:, :3]).mean()
-    centre = found[10:14, 16:20, :3].mean() / (LIGHT_POWER_W / (4 * np.pi**2))
+    centre = rgba[10:14, 16:20, :3].mean() / (LIGHT_POWER_W / (4 * np.pi**2))
     return float(centre), float(albedo), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss

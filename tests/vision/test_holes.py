@@ -71,13 +71,13 @@ def test_a_checkerboard_leaves_half_of_a_plane() -> None:
 def test_rays_and_shadow_rays_pass_through_holes() -> None:
     frame, maps = stored_pane(floor=0.3)
     surface = UnitSurface(maps.surface, frame, maps)
-    places, there = tile_centres()
+    places, is_tile = tile_centres()
     above = frame.to_unit(np.column_stack([places, np.full(len(places), 0.5)]))
     down = np.broadcast_to([0.0, 0.0, -1.0], above.shape)
     face, barycentric = surface.first_hits(above, down)
     height = maps.surface.points_at(*surface.in_stored(face, barycentric))[:, 2]
-    np.testing.assert_allclose(height, np.where(there, 0.0, -0.3), atol=1e-5)
-    floor = ~there
+    np.testing.assert_allclose(height, np.where(is_tile, 0.0, -0.3), atol=1e-5)
+    floor = ~is_tile
     far = frame.to_unit(np.array([0.5, 0.5, 9.0]))
     lit = surface.incidence(face[floor], barycentric[floor], down[floor], far)
     # Through the holes, onto most of the floor below them.
@@ -88,8 +88,8 @@ def test_the_floor_below_shows_the_pattern_of_light() -> None:
     """A lamp straight above a hole lights the floor's point below it, and not the one below a tile."""
     frame, maps = stored_pane(floor=0.3)
     surface = UnitSurface(maps.surface, frame, maps)
-    places, there = tile_centres()
-    for place, tile in zip(places, there, strict=True):
+    places, is_tile = tile_centres()
+    for place, tile in zip(places, is_tile, strict=True):
         below = frame.to_unit(np.array([[*place, -0.1]]))
         face, barycentric = surface.first_hits(below, np.array([[0.0, 0.0, -1.0]]))
         lamp = frame.to_unit(np.array([*place, 1.0]))
@@ -101,12 +101,12 @@ def test_an_image_and_its_passes_have_the_holes() -> None:
     frame, maps = stored_pane()
     net = with_maps(drawn_visionnet(maps.surface), maps, frame)
     camera = look_at(np.array([[0.0, 0.0, 2.0]]) + frame.to_unit(np.array([0.5, 0.5, 0.0])))
-    drawn = net.render(camera, np.array([0.2, 0.1, 1.0]), 64, 39.6, passes=["rgba", "mask", "depth"])
-    alpha = drawn["rgba"][0, ..., 3]
+    passes = net.render(camera, np.array([0.2, 0.1, 1.0]), 64, 39.6, passes=["rgba", "mask", "depth"])
+    alpha = passes["rgba"][0, ..., 3]
     side = 64 / (2 * np.tan(np.radians(39.6 / 2)) * 2)
     assert alpha.sum() == pytest.approx(side**2 / 2, rel=0.01)
-    assert np.abs(drawn["mask"][0] - alpha)[(alpha == 0) | (alpha == 1)].max() == 0
-    np.testing.assert_allclose(drawn["depth"][0][drawn["mask"][0]], 2.0, atol=1e-5)
+    assert np.abs(passes["mask"][0] - alpha)[(alpha == 0) | (alpha == 1)].max() == 0
+    np.testing.assert_allclose(passes["depth"][0][passes["mask"][0]], 2.0, atol=1e-5)
 
 
 def test_a_surface_that_is_one_hole_is_refused() -> None:

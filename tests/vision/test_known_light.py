@@ -83,12 +83,12 @@ def test_metal_in_a_hollow_ball_shows_it_in_every_direction_and_loses_nothing():
     surface, unit, lit = hollow_ball()
     light = KnownLight(lit, unit, White(None, Appearance(0.4, 1.0)))
     samples = surface.sample(300, seed=1)
-    seen = lit.points(samples.face, samples.barycentric, -samples.normals)
+    points = lit.points(samples.face, samples.barycentric, -samples.normals)
     at = np.arange(300)
-    shown = light.shown(seen, light.features(seen), Cast(at, at, 0 * at, 0 * at + 1), 0 * at + 16)
-    sent = shown.sent(np.ones((len(shown.row), 3)))
-    np.testing.assert_allclose(sent, shown.everything, atol=1e-6)
-    np.testing.assert_allclose(sent.mean(axis=0), 1.0, atol=0.02)
+    shown = light.shown(points, light.features(points), Cast(at, at, 0 * at, 0 * at + 1), 0 * at + 16)
+    radiance = shown.sent(np.ones((len(shown.row), 3)))
+    np.testing.assert_allclose(radiance, shown.everything, atol=1e-6)
+    np.testing.assert_allclose(radiance.mean(axis=0), 1.0, atol=0.02)
 
 
 def test_views_rendered_at_a_time_are_those_of_one_query_each(monkeypatch):

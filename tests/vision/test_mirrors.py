@@ -99,8 +99,8 @@ def ggx(points: Incidence) -> np.ndarray:
     half = points.to_light + points.to_camera
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     light, camera, middle = (
-        np.einsum("ij,ij->i", points.normal, other).clip(1e-3)
-        for other in (points.to_light, points.to_camera, half)
+        np.einsum("ij,ij->i", points.normal, vector).clip(1e-3)
+        for vector in (points.to_light, points.to_camera, half)
     )
     alpha2 = ROUGHNESS**4
     masked = light * np.sqrt(camera**2 * (1 - alpha2) + alpha2)
@@ -127,7 +127,7 @@ def path_traced(
     half = cosine * normal + np.sqrt(1 - cosine**2) * half
     along = np.einsum("ij,ij->i", view, half)
     onward = 2 * along[:, None] * half - view
-    out, camera_cosine = (np.einsum("ij,ij->i", normal, other) for other in (onward, view))
+    out, camera_cosine = (np.einsum("ij,ij->i", normal, vector) for vector in (onward, view))
     face, barycentric = surface.first_hits(points.position + 1e-4 * normal, onward)
     again = np.flatnonzero((face >= 0) & (out > 0) & (along > 0))
     met = surface.incidence(face[again], barycentric[again], onward[again], light)

@@ -53,9 +53,9 @@ def mapped(mesh: TexturedMesh) -> MappedNormals:
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_constant_map_tilts_a_plane_along_its_texture(mirrored: bool) -> None:
     samples = plane(mirrored=mirrored).surface.sample(20, seed=0)
-    found = mapped(plane(mirrored=mirrored)).at(samples.face, samples.barycentric)
+    normals = mapped(plane(mirrored=mirrored)).at(samples.face, samples.barycentric)
     expected = TILTED * [-1 if mirrored else 1, 1, 1]
-    np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=0.005)
+    np.testing.assert_allclose(normals, np.broadcast_to(expected, normals.shape), atol=0.005)
 
 
 def test_tangents_of_a_ball_follow_its_meridians_and_meet_at_shared_corners() -> None:
@@ -82,8 +82,8 @@ def test_without_texture_coordinates_that_span_a_map_says_nothing() -> None:
         flat.vertices, flat.faces, np.zeros((2, 3, 2)), flat.textures, flat.face_texture,
         normal_maps=flat.normal_maps,
     )  # fmt: skip
-    found = mapped(pointlike).at(np.array([0, 1]), np.full((2, 3), 1 / 3))
-    np.testing.assert_array_equal(found, [[0, 0, 1], [0, 0, 1]])
+    normals = mapped(pointlike).at(np.array([0, 1]), np.full((2, 3), 1 / 3))
+    np.testing.assert_array_equal(normals, [[0, 0, 1], [0, 0, 1]])
 
 
 @given(st.integers(0, 2**31), st.floats(0.02, 2.0))
@@ -95,14 +95,14 @@ def test_a_lattice_gives_back_what_is_linear_on_each_face(seed: int, pitch: floa
     at_corners = random.normal(size=(6, 3))
     values = np.einsum("ij,ij->i", barycentric, at_corners[face])[:, None]
     where = random.dirichlet(np.ones(3), 50)
-    asked = random.integers(0, 6, 50)
+    faces = random.integers(0, 6, 50)
     # Values beyond a slanted edge are moved onto it: exact one step from there.
     inside = where.min(axis=1) > 1.5 * pitch / np.linalg.norm(
         np.roll(triangles, -1, axis=1) - triangles, axis=2
-    ).min(axis=1)[asked]  # fmt: skip
-    found = lattice.interpolate(values, asked, where)[:, 0]
-    expected = np.einsum("ij,ij->i", where, at_corners[asked])
-    np.testing.assert_allclose(found[inside], expected[inside], atol=1e-9)
+    ).min(axis=1)[faces]  # fmt: skip
+    answers = lattice.interpolate(values, faces, where)[:, 0]
+    expected = np.einsum("ij,ij->i", where, at_corners[faces])
+    np.testing.assert_allclose(answers[inside], expected[inside], atol=1e-9)
 
 
 @given(st.integers(1, 40), st.integers(1, 2), st.integers(0, 2**31))
@@ -113,10 +113,10 @@ def test_levels_survive_packing(size: int, channels: int, seed: int) -> None:
 
 def stored(mesh: TexturedMesh) -> tuple[TexturedMesh, UnitFrame, SurfaceMaps]:
     """A mesh as a file has it, its frame, and its maps; albedo on the coarser half of the lattices."""
-    kept = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
-    frame = UnitFrame.of_points(kept.vertices)
+    file_mesh = stored_mesh(mesh, decode_surface(encode_surface(mesh.surface)))
+    frame = UnitFrame.of_points(file_mesh.vertices)
     with mock.patch.object(map_sampling, "ALBEDO_PITCHES", map_sampling.ALBEDO_PITCHES[:3]):
-        return kept, frame, sample_maps(kept, frame, Appearance())
+        return file_mesh, frame, sample_maps(file_mesh, frame, Appearance())
 
 
 def test_stored_normals_are_the_maps() -> None:
@@ -126,9 +126,9 @@ def test_stored_normals_are_the_maps() -> None:
     mesh, _, maps = stored(plane(image=np.rint(127.5 * (waves + 1)).astype(np.uint8)))
     samples = maps.surface.sample(500, seed=1)
     inside = (np.abs(samples.points[:, :2] - 0.5) < 0.47).all(axis=1)  # a map repeats at its rim
-    found = maps.bent(samples.face, samples.barycentric)[inside]
+    normals = maps.bent(samples.face, samples.barycentric)[inside]
     expected = mapped(mesh).at(samples.face, samples.barycentric)[inside]
-    angle = np.degrees(np.arccos(np.clip((found * expected).sum(axis=1), -1, 1)))
+    angle = np.degrees(np.arccos(np.clip((normals * expected).sum(axis=1), -1, 1)))
     assert angle.max() < 1.5
     assert angle.mean() < 0.6
 
@@ -229,9 +229,9 @@ def test_maps_travel_in_the_file_and_damaged_ones_are_refused() -> None:
         with pytest.raises(FormatError):
             VisionNet.from_tensors(tensors, metadata, maps.surface, frame)
     finer = {**net.metadata(), "maps": {"normal": {**net.metadata()["maps"]["normal"], "pitch": 1 / 64}}}
-    other = VisionNet.from_tensors(net.tensors(), finer, maps.surface, frame)
+    finer_net = VisionNet.from_tensors(net.tensors(), finer, maps.surface, frame)
     with pytest.raises(FormatError, match="values that the faces do not have"):
-        other.render(camera, light, 24, 39.6, 4)
+        finer_net.render(camera, light, 24, 39.6, 4)
 
 
 def test_a_lattice_of_too_many_values_is_refused() -> None:

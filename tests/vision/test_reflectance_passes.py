@@ -43,18 +43,18 @@ def mapped_cube() -> TexturedMesh:
 def test_passes_are_those_of_the_truth() -> None:
     mesh, frame, maps = stored(mapped_cube())
     net = with_maps(drawn_visionnet(maps.surface), maps, frame)
-    drawn = net.render(CAMERAS, LIGHT, 64, 39.6, passes=ALL)
+    passes = net.render(CAMERAS, LIGHT, 64, 39.6, passes=ALL)
     truth = cast_passes(unit_scene(mesh, Appearance(0.3, 1.0), frame), CAMERAS, (64, 64), 39.6)
-    np.testing.assert_array_equal(drawn["mask"], truth.mask)
+    np.testing.assert_array_equal(passes["mask"], truth.mask)
     for name in ("albedo", "roughness", "metallic"):
-        assert drawn[name].dtype == np.float32
-        assert not drawn[name][~truth.mask].any()
-    seen = truth.mask
-    assert (drawn["metallic"][seen] == 1).all()
-    off = np.abs(srgb_encode(drawn["albedo"][seen]) - srgb_encode(truth.albedo[seen].astype(float)))
+        assert passes[name].dtype == np.float32
+        assert not passes[name][~truth.mask].any()
+    mask = truth.mask
+    assert (passes["metallic"][mask] == 1).all()
+    off = np.abs(srgb_encode(passes["albedo"][mask]) - srgb_encode(truth.albedo[mask].astype(float)))
     assert np.median(off) < 0.01
     assert (off.max(axis=1) < 0.05).mean() > 0.9  # but beside edges of the texture
-    rough = np.abs(drawn["roughness"][seen] - truth.roughness[seen])
+    rough = np.abs(passes["roughness"][mask] - truth.roughness[mask])
     assert (rough < 0.02).mean() > 0.97
 
 
@@ -80,9 +80,9 @@ def test_an_export_takes_the_stated_base_colour() -> None:
     net = with_maps(drawn_visionnet(maps.surface), maps, frame)
     centre = np.full((1, 3), 1 / 3)
     for face in range(len(maps.surface.faces)):
-        found = network_colour(net, maps.surface, frame, np.array([face]), centre, 0.0)[0]
+        colour = network_colour(net, maps.surface, frame, np.array([face]), centre, 0.0)[0]
         colours = np.concatenate([FACE_COLOURS, FACE_COLOURS // 3]) / 255
-        assert np.abs(colours - found[:3]).max(axis=1).min() < 0.02
+        assert np.abs(colours - colour[:3]).max(axis=1).min() < 0.02
 
 
 def test_a_file_that_states_none_says_so() -> None:

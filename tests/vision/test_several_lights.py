@@ -118,8 +118,8 @@ def test_the_length_of_a_direction_plays_no_part(net: VisionNet) -> None:
     np.testing.assert_allclose(
         net.radiance(origins, 7 * directions, light), net.radiance(origins, directions, light), atol=1e-6
     )
-    one = net.radiance(origins[0], directions, light)
-    np.testing.assert_array_equal(one, net.radiance(np.repeat(origins[:1], 50, axis=0), directions, light))
+    answer = net.radiance(origins[0], directions, light)
+    np.testing.assert_array_equal(answer, net.radiance(np.repeat(origins[:1], 50, axis=0), directions, light))
     assert net.radiance(np.zeros((0, 3)), np.zeros((0, 3)), light).shape == (0, 4)
 
 

@@ -25,7 +25,7 @@ def test_linear_functions_are_interpolated_exactly(points):
 def test_stored_bytes_number_the_corners_alike(points):
     grid = SparseGrid.of_points(points, 40)
     again = SparseGrid.from_bytes(grid.to_bytes(), 40)
-    assert all(np.array_equal(one, other) for one, other in zip(grid.lookups, again.lookups, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(grid.lookups, again.lookups, strict=True))
     with pytest.raises(FormatError):
         SparseGrid.from_bytes(grid.to_bytes()[:-5], 40)
     with pytest.raises(FormatError):

@@ -156,10 +156,10 @@ def test_held_out_views_of_hard_cases_are_answered(name, margin_db):
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
     case = CASES["an object of several components"]
     views = case.views(6, 1)
-    one, again, other = (fit(case, views, seed, steps=20).tensors() for seed in (3, 3, 4))
-    assert one.keys() == again.keys()
-    assert all(one[name].tobytes() == again[name].tobytes() for name in one)
-    assert any(one[name].tobytes() != other[name].tobytes() for name in one)
+    first, again, different = (fit(case, views, seed, steps=20).tensors() for seed in (3, 3, 4))
+    assert first.keys() == again.keys()
+    assert all(first[name].tobytes() == again[name].tobytes() for name in first)
+    assert any(first[name].tobytes() != different[name].tobytes() for name in first)
 
 
 @pytest.mark.slow
@@ -288,10 +288,10 @@ def half_lit_views(passes: bool) -> tuple[Spheres, Product]:
         origins, directions = pixel_rays(camera, pixels, sub_ray_offsets(16), SIZE, FIELD_OF_VIEW_DEG)
         distance = case.first_hits(origins, directions)[0]
         below = (origins + np.where(np.isfinite(distance), distance, 0)[:, None] * directions)[:, 2] < 0
-        seen = case.radiance(origins, directions, lamp) * np.concatenate(
+        radiance = case.radiance(origins, directions, lamp) * np.concatenate(
             [COLOURS[below.astype(int)], np.ones((len(below), 1))], axis=1
         )
-        rgba.append(seen.reshape(SIZE, SIZE, 16, 4).mean(axis=2))
+        rgba.append(radiance.reshape(SIZE, SIZE, 16, 4).mean(axis=2))
         origins, directions = pixel_rays(camera, pixels, centre, SIZE, FIELD_OF_VIEW_DEG)
         distance = case.first_hits(origins, directions)[0]
         hit = np.isfinite(distance)
@@ -328,18 +328,18 @@ def held_out_psnr(case: Spheres, views: Product, **more: float) -> float:
 @pytest.mark.slow
 def test_what_no_training_lamp_reaches_takes_its_base_colour(half_lit):
     case, views = half_lit
-    told = held_out_psnr(case, views)
-    guessed = held_out_psnr(case, views, base_colour_weight=0.0, evenness_weight=0.0)
-    assert told > 36
-    assert told > guessed + 12
+    psnr_db = held_out_psnr(case, views)
+    psnr_without_db = held_out_psnr(case, views, base_colour_weight=0.0, evenness_weight=0.0)
+    assert psnr_db > 36
+    assert psnr_db > psnr_without_db + 12
 
 
 def test_views_without_passes_are_fitted_without_them():
     case, views = half_lit_views(passes=False)
-    plain, told = (fit(case, views, steps=5, base_colour_weight=weight) for weight in (0.0, 0.3))
-    assert plain.tensors().keys() == told.tensors().keys()
+    plain, colour_fit = (fit(case, views, steps=5, base_colour_weight=weight) for weight in (0.0, 0.3))
+    assert plain.tensors().keys() == colour_fit.tensors().keys()
     for name, value in plain.tensors().items():
-        assert value.tobytes() == told.tensors()[name].tobytes()
+        assert value.tobytes() == colour_fit.tensors()[name].tobytes()
 
 
 def test_the_base_colour_is_asked_only_where_the_pixel_centre_shows_the_object(half_lit):
@@ -355,8 +355,8 @@ def test_a_reflectance_that_ignores_the_features_is_even():
     network = Reflectance([4, 4, 4, 4])
     network.initialise(torch.Generator().manual_seed(0))
     features = sum(table.shape[1] for table in network.tables)
-    drawn = torch.Generator().manual_seed(1)
-    at = torch.rand(50, features, generator=drawn), torch.rand(50, 12, generator=drawn)
+    generator = torch.Generator().manual_seed(1)
+    at = torch.rand(50, features, generator=generator), torch.rand(50, 12, generator=generator)
     assert network.unevenness(*at) > 1e-3
     with torch.no_grad():
         network.get_parameter("direct.0.weight")[:, :features] = 0

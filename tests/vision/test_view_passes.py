@@ -26,9 +26,9 @@ def round_() -> VisionNet:
 
 def test_the_face_of_a_cube_is_a_plane_in_depth(cubic: VisionNet) -> None:
     camera = look_at(np.array([[0.0, 0.0, 2.5]]))
-    drawn = cubic.render(camera, LIGHT, 40, 39.6, passes=["depth", "normal", "mask"])
-    assert set(drawn) == {"depth", "normal", "mask"}
-    depth, normal, mask = (drawn[name][0] for name in ("depth", "normal", "mask"))
+    passes = cubic.render(camera, LIGHT, 40, 39.6, passes=["depth", "normal", "mask"])
+    assert set(passes) == {"depth", "normal", "mask"}
+    depth, normal, mask = (passes[name][0] for name in ("depth", "normal", "mask"))
     assert (depth.dtype, normal.dtype, mask.dtype) == (np.float32, np.float32, np.bool_)
     # The face is 2 away all over; along the rays it would be 2 / cos, 1.5 % more at its corners.
     np.testing.assert_allclose(depth[mask], 2.0, atol=1e-6)
@@ -42,7 +42,7 @@ def test_the_face_of_a_cube_is_a_plane_in_depth(cubic: VisionNet) -> None:
 
 def test_depth_and_normal_of_a_sphere_are_known_at_every_pixel(round_: VisionNet) -> None:
     camera = look_at(np.array([[1.0, -2.0, 1.2]]), target=np.array([0.1, 0.05, 0.0]))
-    drawn = round_.render(camera, LIGHT, SIZE, 30.0, passes=("depth", "normal", "mask", "rgba"))
+    passes = round_.render(camera, LIGHT, SIZE, 30.0, passes=("depth", "normal", "mask", "rgba"))
     origins, directions = pixel_rays(
         camera[0], np.arange(SIZE[0] * SIZE[1]), np.full((1, 2), 0.5), SIZE, 30.0
     )
@@ -51,22 +51,22 @@ def test_depth_and_normal_of_a_sphere_are_known_at_every_pixel(round_: VisionNet
     deep = inside > 0.01
     along = middle[deep] - np.sqrt(inside[deep])
     depth = along * -(directions[deep] @ camera[0, :3, 2])
-    np.testing.assert_allclose(drawn["depth"].ravel()[deep], depth, atol=2e-3)
+    np.testing.assert_allclose(passes["depth"].ravel()[deep], depth, atol=2e-3)
     np.testing.assert_allclose(
-        drawn["normal"].reshape(-1, 3)[deep],
+        passes["normal"].reshape(-1, 3)[deep],
         2 * (origins[deep] + along[:, None] * directions[deep]),
         atol=0.02,
     )
-    assert not drawn["mask"].ravel()[inside < -0.01].any()
-    covered = drawn["rgba"][..., 3]
-    assert drawn["mask"][covered == 1].all()
-    assert not drawn["mask"][covered == 0].any()
+    assert not passes["mask"].ravel()[inside < -0.01].any()
+    covered = passes["rgba"][..., 3]
+    assert passes["mask"][covered == 1].all()
+    assert not passes["mask"][covered == 0].any()
 
 
 def test_passes_leave_the_image_as_it_is(cubic: VisionNet) -> None:
     camera = look_at(np.array([[1.5, -1.7, 1.0]]))
-    drawn = cubic.render(camera, LIGHT, 20, 39.6, passes=["rgba", "mask"])
-    np.testing.assert_array_equal(drawn["rgba"], cubic.render(camera, LIGHT, 20, 39.6))
+    passes = cubic.render(camera, LIGHT, 20, 39.6, passes=["rgba", "mask"])
+    np.testing.assert_array_equal(passes["rgba"], cubic.render(camera, LIGHT, 20, 39.6))
     nothing = cubic.render(np.zeros((0, 4, 4)), LIGHT, 20, 39.6, passes=["normal", "mask"], crop=(1, 2, 3, 4))
     assert nothing["normal"].shape == (0, 3, 4, 3)
     assert nothing["mask"].shape == (0, 3, 4)

@@ -132,9 +132,9 @@ def test_views_are_reproducible_whatever_the_threads_and_counts(in_conditions, m
         "objectfolder.making.views.views.render_series",
         lambda scene, series: [images[: len(shots.camera_to_world)] for shots in series],
     )
-    other = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
-    assert first.arrays.keys() - other.arrays.keys() == set(shapes) - {"rgba"}
-    assert not np.array_equal(first["light_position"], other["light_position"])
+    next_views = simulate_views(cube(), Appearance(), **SMALL, seed=6, passes=False)
+    assert first.arrays.keys() - next_views.arrays.keys() == set(shapes) - {"rgba"}
+    assert not np.array_equal(first["light_position"], next_views["light_position"])
 
 
 @pytest.mark.slow
@@ -325,9 +325,9 @@ def test_clipping_is_counted_over_covered_pixels_and_warned_of():
     rgba[0, :5, :, :] = [0.2, 0.4, 0.5, 1.0]
     rgba[0, 0, :2] = [0.1, 1.1, 0.2, 1.0]
     rgba[0, 1, 0] = [0.1, 0.3, 0.3, 0.25]  # a covered quarter whose straight colour is 1.2
-    found = exposure(rgba)
-    assert found["clipped_share"] == pytest.approx(0.03)
-    assert found["warnings"] == ["3.0 % of the covered pixels clip: lower the power of the light"]
+    report = exposure(rgba)
+    assert report["clipped_share"] == pytest.approx(0.03)
+    assert report["warnings"] == ["3.0 % of the covered pixels clip: lower the power of the light"]
     rgba[0, 0, :2] = rgba[0, 2, 0]
     assert exposure(rgba)["warnings"] == []
     assert exposure(np.zeros_like(rgba))["clipped_share"] == 0.0
