@@ -23,14 +23,16 @@ TOP = [0.0, 0.0, 0.004]
 DOWN = [0.0, 0.0, -1.0]
 
 
-def _each(method: str, argument: str, values: list[Any], **others: Any) -> dict[str, Query]:
-    def asked(value: Any) -> Query:
-        return lambda file: getattr(file, method)(**{**others, argument: value})
+def _each(method: str, argument: str, values: list[Any], **arguments: Any) -> dict[str, Query]:
+    def query(value: Any) -> Query:
+        return lambda file: getattr(file, method)(**{**arguments, argument: value})
 
-    def told(value: Any) -> str:
+    def label(value: Any) -> str:
         return f"{value.dtype}{value.shape}" if isinstance(value, np.ndarray) else repr(value)[:40]
 
-    return {f"{method}({argument}={told(value)}) {index}": asked(value) for index, value in enumerate(values)}
+    return {
+        f"{method}({argument}={label(value)}) {index}": query(value) for index, value in enumerate(values)
+    }
 
 
 def _pose(**changed: Any) -> np.ndarray:

@@ -133,12 +133,12 @@ def make_once(
             return _filled(shared / f"shared-{name}", fill)
         folder = cache.mkdir("made") / name
         folder.mkdir(exist_ok=True)
-        made = _filled(folder / fingerprint(inputs)[:16], fill)
-        made.touch()
+        entry = _filled(folder / fingerprint(inputs)[:16], fill)
+        entry.touch()
         by_age = sorted(filter(Path.is_dir, folder.iterdir()), key=lambda path: path.stat().st_mtime)
         for path in by_age[:-MADE_BEFORE]:
             shutil.rmtree(path, ignore_errors=True)
-        return made
+        return entry
 
     return make
 

@@ -19,9 +19,9 @@ RELEASED = Path(__file__).with_name("released_commit")
 WITHOUT_CODE = ("*.md", "LICENSE", "CITATION.cff", "dvc.lock", "tests/released_commit")
 
 
-def overlap(package: str, other: str) -> bool:
+def overlap(first: str, second: str) -> bool:
     """Whether one is the other or holds it; the empty name is the repository, which holds all."""
-    short, long = sorted((package, other), key=len)
+    short, long = sorted((first, second), key=len)
     return not short or f"{long}.".startswith(f"{short}.")
 
 
@@ -84,7 +84,7 @@ class ReleaseHalf:
                 self.marks[item.nodeid] = tuple(packages)
                 # A change of the test or of what its folder shares counts, too.
                 packages.append(item.nodeid.partition("::")[0].removesuffix(".py").replace("/", "."))
-                is_chosen = any(overlap(name, other) for name in packages for other in self.chosen)
+                is_chosen = any(overlap(name, package) for name in packages for package in self.chosen)
                 (runs if is_chosen else waits).append(item)
             else:
                 runs.append(item)

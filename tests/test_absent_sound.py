@@ -118,11 +118,11 @@ def test_the_table_leaves_sound_out_and_nothing_else(tmp_path: Path) -> None:
     stated = {"all": "", "seen": "touch Vision", "heard": "audio", "odd": "smell"}
     rows = "".join(f"{object_id},bar.obj,steel,{senses}\n" for object_id, senses in stated.items())
     (tmp_path / "objects.csv").write_text(f"id,mesh,material,senses\n{rows}")
-    found = read_catalogue(tmp_path / "objects.csv", ["steel"])
-    assert {record.id: record.senses for record in found.records} == {
+    catalogue = read_catalogue(tmp_path / "objects.csv", ["steel"])
+    assert {record.id: record.senses for record in catalogue.records} == {
         "all": ("vision", "audio", "touch"),
         "seen": ("vision", "touch"),
     }
-    assert set(found.errors) == {"heard", "odd"}
-    assert isinstance(found.errors["odd"], InputError)
-    assert "field senses" in str(found.errors["odd"])
+    assert set(catalogue.errors) == {"heard", "odd"}
+    assert isinstance(catalogue.errors["odd"], InputError)
+    assert "field senses" in str(catalogue.errors["odd"])

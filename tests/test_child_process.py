@@ -32,9 +32,9 @@ def test_a_child_imports_no_code_of_the_current_folder(tmp_path, monkeypatch) ->
     (tmp_path / "numpy.py").write_text("print('executed')\n")
     (tmp_path / "absent.py").write_text("print('executed')\n")
     monkeypatch.chdir(tmp_path)
-    found = run_module("numpy")
-    assert "executed" not in found.stdout
-    assert "numpy" in found.stderr  # the package, which is no program
+    process = run_module("numpy")
+    assert "executed" not in process.stdout
+    assert "numpy" in process.stderr  # the package, which is no program
     assert "No module named absent" in run_module("absent").stderr
     assert run_module("objectfolder.child_process", cwd=tmp_path).returncode == 0
 

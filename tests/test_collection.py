@@ -27,16 +27,16 @@ def test_another_process_collects_the_same_tests(
     collected: list[str], request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     seed = "2" if os.environ.get("PYTHONHASHSEED") != "2" else "1"
-    found = tmp_path / "collected"
+    listing = tmp_path / "collected"
     environment = {"PYTHONHASHSEED": seed, "TZ": "Pacific/Auckland", "TMPDIR": str(tmp_path)}
     subprocess.run(
         [sys.executable, "-c", COLLECT, *request.config.args],
         cwd=REPOSITORY,
-        env={**os.environ, **environment, "COLLECTED_FILE": str(found)},
+        env={**os.environ, **environment, "COLLECTED_FILE": str(listing)},
         stdout=subprocess.PIPE,
         check=True,
     )
-    assert found.read_text().split("\n") == collected
+    assert listing.read_text().split("\n") == collected
 
 
 def test_no_name_of_a_test_holds_a_path_of_this_machine(collected: list[str]) -> None:

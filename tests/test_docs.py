@@ -57,8 +57,8 @@ def parts(page: ElementTree.Element) -> list[tuple[str, dict[str, str]]]:
 def test_readme_is_short_and_begins_with_how_to_start():
     readme = (REPOSITORY / "README.md").read_bytes()
     assert len(readme) <= 6000
-    for wanted in (b".png)", b"make dataset", b"make test", b"import objectfolder"):
-        assert wanted in readme[:1000]
+    for piece in (b".png)", b"make dataset", b"make test", b"import objectfolder"):
+        assert piece in readme[:1000]
     prose = re.sub(r"```.*?```", "", readme.decode(), flags=re.DOTALL)
     assert len(re.findall(r"(?<![\w.])\.?\d[\d.,]*", prose)) <= 25
 
@@ -139,8 +139,8 @@ def test_every_link_and_every_picture_leads_to_something(pages):
     all_parts = {path: parts(page) for path, page in pages.items() if path.name != "404.html"}
     anchors = {page: {has["id"] for _, has in parts if "id" in has} for page, parts in all_parts.items()}
     broken, followed = [], 0
-    for page, found in all_parts.items():
-        for link in [has[key] for _, has in found for key in ("href", "src") if key in has]:
+    for page, elements in all_parts.items():
+        for link in [has[key] for _, has in elements for key in ("href", "src") if key in has]:
             if urlsplit(link).scheme:
                 continue
             address, anchor = urldefrag(link)

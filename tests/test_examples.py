@@ -30,9 +30,9 @@ def public() -> dict[str, Callable[..., Any]]:
         if not name.startswith("_") and not isinstance(method, cached_property)
     }
     return {
-        path: one
-        for path, one in named.items()
-        if inspect.isroutine(one) or (inspect.isclass(one) and ">>>" in str(one.__doc__))
+        path: value
+        for path, value in named.items()
+        if inspect.isroutine(value) or (inspect.isclass(value) and ">>>" in str(value.__doc__))
     }
 
 

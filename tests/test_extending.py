@@ -45,7 +45,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         lines = [
             line
             for group, entries in groups.items()
-            for line in (f"[{group}]", *(f"{one} = {value}" for one, value in entries.items()))
+            for line in (f"[{group}]", *(f"{key} = {value}" for key, value in entries.items()))
         ]
         (metadata / "entry_points.txt").write_text("\n".join(lines))
         for file, code in modules.items():
@@ -103,9 +103,9 @@ def test_a_sensor_is_pressed_and_all_of_it_is_a_parameter(tmp_path: Path) -> Non
     assert touches.mask.any()
     of_digit = press(names["mug"].surface, read_sensor("digit"), names["points"], Press(depth_m=0.001))
     assert (touches.rgb != of_digit.rgb).any()
-    written = yaml.safe_load((REPOSITORY / "params.yaml").read_text(encoding="utf-8"))
-    written["sizes"]["default"]["touch"]["sensor"] = "flat"
-    (tmp_path / "params.yaml").write_text(yaml.safe_dump(written))
+    parameters = yaml.safe_load((REPOSITORY / "params.yaml").read_text(encoding="utf-8"))
+    parameters["sizes"]["default"]["touch"]["sensor"] = "flat"
+    (tmp_path / "params.yaml").write_text(yaml.safe_dump(parameters))
     assert read_parameters(tmp_path / "params.yaml", "default").touch.sensor == flat.to_dict()
 
 
@@ -141,7 +141,7 @@ def test_a_scene_is_played_in_a_simulator(tmp_path: Path, capsys: pytest.Capture
         '<mujoco><worldbody><geom type="plane" size="1 1 .1"/><body name="0_mug"><freejoint/>'
         f'<geom type="sphere" size=".05" mass="{mass_kg}"/></body></worldbody></mujoco>'
     )
-    asked = [
+    command = [
         "play",
         str(scene),
         "--simulator",
@@ -154,12 +154,12 @@ def test_a_scene_is_played_in_a_simulator(tmp_path: Path, capsys: pytest.Capture
         "0.05",
     ]
     clip = str(tmp_path / "falling.mp4")
-    assert main([*asked, "--seconds", "0.2", "--json", "-o", clip]) == 0
+    assert main([*command, "--seconds", "0.2", "--json", "-o", clip]) == 0
     summary = json.loads(capsys.readouterr().out)
     # MuJoCo's sphere about the origin would meet the plane 5 cm higher, at once.
     assert (summary["file"], summary["collisions"]) == (clip, 1)
     assert summary["peak_pa"] > 0
-    assert main([*asked, "--no-browser"]) == 2
+    assert main([*command, "--no-browser"]) == 2
     assert "'falling' plays videos alone. Give --output too." in capsys.readouterr().err
 
 
@@ -200,8 +200,8 @@ def test_a_broken_package_is_named_where_it_is_used_and_nowhere_else(
     assert source_named("ycb").id == "ycb"
     assert Resolutions(["google_64k"]).source_object("ycb:a").resolution == "google_64k"
     assert read_sensor("digit").name == "DIGIT"
-    known = "digit, digit-tacto, gelsight, gelsight-fots, gelsight-mini"
-    with pytest.raises(InputError, match=f"Known: {known}, broken"):
+    names = "digit, digit-tacto, gelsight, gelsight-fots, gelsight-mini"
+    with pytest.raises(InputError, match=f"Known: {names}, broken"):
         read_sensor("dgit")
     with pytest.raises(InputError, match="Known: mujoco, broken"):
         open_simulation("none", tmp_path, {})

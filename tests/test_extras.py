@@ -57,7 +57,7 @@ def test_a_package_that_breaks_says_why_and_a_defect_of_ours_stays_what_it_is(tm
 
 def uses(tree: ast.AST) -> list[tuple[str, str]]:
     """Extras and the packages that are imported under their names."""
-    found = []
+    pairs = []
     for node in ast.walk(tree):
         if isinstance(node, ast.With) and "needs_extra" in ast.unparse(node.items[0]):
             extra = node.items[0].context_expr.args[0]
@@ -65,12 +65,12 @@ def uses(tree: ast.AST) -> list[tuple[str, str]]:
                 continue
             for line in node.body:
                 names = [line.module] if isinstance(line, ast.ImportFrom) else [a.name for a in line.names]
-                found += [(extra.value, name.partition(".")[0]) for name in names]
+                pairs += [(extra.value, name.partition(".")[0]) for name in names]
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "missing_package":
             package, extra = node.args[:2]
             if isinstance(package, ast.Constant) and isinstance(extra, ast.Constant):
-                found.append((extra.value, package.value))
-    return found
+                pairs.append((extra.value, package.value))
+    return pairs
 
 
 def test_every_named_extra_brings_the_package():

@@ -64,9 +64,9 @@ def test_a_view_without_a_light_has_the_data_sets_lamp_beside_the_camera(bar: Ob
     cameras, _ = bar.sample_views(2)
     direction = cameras[:, :3, :3] @ np.array([-1.0, 1.0, 2.0]) / np.sqrt(6)
     lamps = bar.frame.centre + bar.frame.scale * direction
-    drawn = bar.render(cameras, resolution=16)
-    np.testing.assert_array_equal(drawn, bar.render(cameras, lamps, resolution=16))
-    assert (drawn < 255).any()
+    images = bar.render(cameras, resolution=16)
+    np.testing.assert_array_equal(images, bar.render(cameras, lamps, resolution=16))
+    assert (images < 255).any()
 
 
 def test_without_an_impulse_a_strike_is_one_newton_second_inwards(bar: ObjectFile) -> None:
@@ -79,7 +79,7 @@ def test_without_an_impulse_a_strike_is_one_newton_second_inwards(bar: ObjectFil
 def test_touches_are_taken_apart(bar: ObjectFile) -> None:
     touches = bar.press([TOP, [0.03, 0.0, 0.004]], resolution=(20, 10))
     assert repr(touches) == "Touches(2 of 20 x 10 pixels, 2 reachable)"
-    assert [len(one) for one in touches] == [1, 1]
+    assert [len(touch) for touch in touches] == [1, 1]
     last = touches[-1]
     assert isinstance(last, Touches)
     np.testing.assert_array_equal(last.rgb, touches.rgb[1:])
@@ -97,9 +97,9 @@ def test_a_sound_says_what_it_is_and_writes_itself(bar: ObjectFile, tmp_path: Pa
     assert repr(sounds) == f"Sound((2, 800), 0.1 s at 8000 Hz, peak {np.abs(sounds).max():.3g})"
     assert repr(sounds[:, ::2]).startswith("array(")
     assert sounds[0].write(tmp_path / "a.wav", gain=2.0) == 2.0
-    rate, written = wavfile.read(tmp_path / "a.wav")
+    rate, samples = wavfile.read(tmp_path / "a.wav")
     assert rate == 8000
-    np.testing.assert_array_equal(written, 2 * sounds[0])
+    np.testing.assert_array_equal(samples, 2 * sounds[0])
     with pytest.raises(QueryError, match="not one sound"):
         sounds.write(tmp_path / "b.wav")
     with pytest.raises(QueryError, match="sample rate is not known"):
@@ -111,10 +111,10 @@ def test_build_asks_the_installed_factory(monkeypatch: pytest.MonkeyPatch, small
     assert f'object_file = "{target}"' in (REPOSITORY / "pyproject.toml").read_text()
     entry = EntryPoint("object_file", target, "objectfolder.builders")
     monkeypatch.setattr("objectfolder.factory.entry_points", lambda **_: EntryPoints([entry]))
-    asked = []
+    calls = []
 
     def build_object_file(building: Building, output: Path, confirm: object) -> Built:
-        asked.append((building, output))
+        calls.append((building, output))
         return Built({}, "1 plain colour", ("thin walls",))
 
     monkeypatch.setattr("pipeline.run.object_file_builder.build_object_file", build_object_file)
@@ -123,7 +123,7 @@ def test_build_asks_the_installed_factory(monkeypatch: pytest.MonkeyPatch, small
             "bar.obj", material="glass", length_m=0.12, output=small_file, overwrite=True
         )
     assert warned[0].filename == __file__
-    assert asked == [(Building(Path("bar.obj"), material="glass", length_m=0.12), small_file)]
+    assert calls == [(Building(Path("bar.obj"), material="glass", length_m=0.12), small_file)]
     assert built == objectfolder.load(small_file)
 
 

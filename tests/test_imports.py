@@ -45,7 +45,7 @@ def test_opening_an_object_file_loads_no_queries(small_file):
     loaded = modules_loaded_by(f"import objectfolder; objectfolder.load({str(small_file)!r})")
     assert not {"numba", "scipy"} & loaded
     own = [name for name in loaded if name.startswith("objectfolder.")]
-    packages = [name for name in own if any(other.startswith(f"{name}.") for other in own)]
+    packages = [name for name in own if any(module.startswith(f"{name}.") for module in own)]
     assert 30 < len(own) - len(packages) <= 60
 
 

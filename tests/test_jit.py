@@ -173,7 +173,7 @@ def test_numba_resolves_calls_of_others_as_ever():
     compiled = []
 
     @njit
-    def other(x):
+    def double(x):
         return x * 2.0
 
     class Listener(event.Listener):
@@ -183,14 +183,14 @@ def test_numba_resolves_calls_of_others_as_ever():
         on_end = on_start
 
     with event.install_listener("numba:compile", Listener()):
-        assert other(1) + _outer_sum(1) == 5.0
+        assert double(1) + _outer_sum(1) == 5.0
     assert "get_call_type" not in vars(numba_types.Function)
-    assert {patched is None for dispatcher, patched in compiled if dispatcher is other} == {True}
+    assert {patched is None for dispatcher, patched in compiled if dispatcher is double} == {True}
 
 
 def test_kernels_take_nothing_from_other_files():
     # numba's cache looks at the date of a kernel's own file: what it took from another would go stale.
-    root, found = Path(objectfolder.__file__).parent, 0
+    root, count = Path(objectfolder.__file__).parent, 0
     for path in sorted(root.rglob("*.py")):
         source = path.read_text(encoding="utf-8")
         if "from objectfolder.jit import" not in source:
@@ -199,12 +199,12 @@ def test_kernels_take_nothing_from_other_files():
         for name, value in vars(module).items():
             if not hasattr(value, "py_func") or value.py_func.__module__ != module.__name__:
                 continue
-            found += 1
+            count += 1
             for used in value.py_func.__code__.co_names:
-                taken = vars(module).get(used)
-                if taken is None or isinstance(taken, types.ModuleType):
+                referent = vars(module).get(used)
+                if referent is None or isinstance(referent, types.ModuleType):
                     continue
-                home = taken.py_func.__module__ if hasattr(taken, "py_func") else None
+                home = referent.py_func.__module__ if hasattr(referent, "py_func") else None
                 own = home == module.__name__ or re.search(rf"^(\w+, )*{used}\b.* = ", source, re.MULTILINE)
                 assert own, f"{module.__name__}.{name} takes {used}"
-    assert found > 45
+    assert count > 45

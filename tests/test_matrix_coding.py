@@ -49,9 +49,9 @@ def test_damage_is_named() -> None:
     flipped = stream.copy()
     # Of the plain bits of signs at the end any value can be meant.
     flipped[random.integers(0, len(stream) // 2)] ^= 1 << random.integers(8)
-    for one in (*wrong, flipped):
+    for bad_stream in (*wrong, flipped):
         with pytest.raises(ValueError, match=r"stream|number"):
-            unpack_matrix(one, values.shape)
+            unpack_matrix(bad_stream, values.shape)
     with pytest.raises(ValueError, match=r"stream|number"):
         unpack_matrix(stream, (values.shape[0] + 1, values.shape[1]))
 

@@ -87,13 +87,13 @@ def test_a_notebook_puts_out_what_is_stored(path: Path, tmp_path: Path) -> None:
         command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=900
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    made, kept = outputs(tmp_path / "new" / path.name), outputs(path)
-    assert made
-    for new, stored in zip(made, kept or made, strict=True):
+    cells, stored_cells = outputs(tmp_path / "new" / path.name), outputs(path)
+    assert cells
+    for new, stored in zip(cells, stored_cells or cells, strict=True):
         assert new["output_type"] == stored["output_type"]
         texts = [text_of(output) for output in (new, stored)]
         words, numbers = zip(*((NUMBER.sub("#", text), NUMBER.findall(text)) for text in texts), strict=True)
         assert words[0] == words[1]
-        for some, other in zip(*numbers, strict=True):
-            assert float(some) == pytest.approx(float(other), rel=RELATIVE, abs=last_place(other)), texts
+        for number, truth in zip(*numbers, strict=True):
+            assert float(number) == pytest.approx(float(truth), rel=RELATIVE, abs=last_place(truth)), texts
         assert np.abs(picture(new) - picture(stored)).mean() < LEVELS

@@ -126,19 +126,19 @@ def test_linear_radiance_is_premultiplied_and_white_lies_behind(bar: ObjectFile)
 def test_depth_is_in_metres_and_normals_are_in_the_object_frame(bar: ObjectFile) -> None:
     camera = look_at(bar.frame.centre + np.array([[0.02, -0.03, 0.2]]), bar.frame.centre)[0]
     light = [0.1, 0.1, 0.3]
-    drawn = bar.render_passes(
+    passes = bar.render_passes(
         camera, ["image", "depth", "normal", "mask"], np.array(light), resolution=(24, 32)
     )
-    assert list(drawn) == ["image", "depth", "normal", "mask"]
-    np.testing.assert_array_equal(drawn["image"], bar.render(camera, np.array(light), resolution=(24, 32)))
+    assert list(passes) == ["image", "depth", "normal", "mask"]
+    np.testing.assert_array_equal(passes["image"], bar.render(camera, np.array(light), resolution=(24, 32)))
     origins, directions = pixel_rays(camera, np.arange(24 * 32), np.full((1, 2), 0.5), (24, 32), 39.6)
-    mask = drawn["mask"].ravel()
+    mask = passes["mask"].ravel()
     assert 0.1 < mask.mean() < 0.9
-    along = drawn["depth"].ravel()[mask] / -(directions[mask] @ camera[:3, 2])
+    along = passes["depth"].ravel()[mask] / -(directions[mask] @ camera[:3, 2])
     places = bar.project(origins[mask] + along[:, None] * directions[mask])
     assert places.distance.max() < 1e-7
     np.testing.assert_allclose(
-        drawn["normal"].reshape(-1, 3)[mask],
+        passes["normal"].reshape(-1, 3)[mask],
         bar.surface.normals_at(places.face, places.barycentric),
         atol=1e-3,
     )
@@ -148,12 +148,12 @@ def test_lights_add_up_and_crops_are_parts(bar: ObjectFile) -> None:
     cameras, lights = bar.sample_views(2, seed=12)
     ask = {"resolution": 20, "sub_rays": 1}
     both = bar.render_linear(cameras[0], Lamps(lights[None], np.array([[1.0, 0.5, 0], [2, 0, 1]])), **ask)
-    one, other = (bar.render_linear(cameras[0], light, **ask) for light in lights)
+    first, second = (bar.render_linear(cameras[0], light, **ask) for light in lights)
     np.testing.assert_allclose(
-        both[..., :3], one[..., :3] * [1, 0.5, 0] + other[..., :3] * [2, 0, 1], rtol=1e-5, atol=1e-7
+        both[..., :3], first[..., :3] * [1, 0.5, 0] + second[..., :3] * [2, 0, 1], rtol=1e-5, atol=1e-7
     )
     part = bar.render_linear(cameras[0], lights[0], crop=(5, 3, 9, 12), **ask)
-    np.testing.assert_array_equal(part, one[:, 5:14, 3:15])
+    np.testing.assert_array_equal(part, first[:, 5:14, 3:15])
     with pytest.raises(QueryError, match="passes: 'rgba'"):
         bar.render_passes(cameras[0], ["rgba"], lights[0])
 
@@ -161,13 +161,13 @@ def test_lights_add_up_and_crops_are_parts(bar: ObjectFile) -> None:
 def test_rays_are_asked_in_metres(bar: ObjectFile) -> None:
     points, normals = bar.sample_contacts(20, seed=13, reachable=False)
     light = bar.frame.centre + np.array([0.0, 0.0, bar.frame.scale])
-    seen = bar.radiance(points + 0.3 * normals, -normals, light)
-    assert seen.shape == (20, 4)
-    assert (seen[:, 3] == 1).all()
-    assert seen[:, :3].max() > 0
+    rgba = bar.radiance(points + 0.3 * normals, -normals, light)
+    assert rgba.shape == (20, 4)
+    assert (rgba[:, 3] == 1).all()
+    assert rgba[:, :3].max() > 0
     assert not bar.radiance(points + 0.3 * normals, normals, light).any()
     unit = bar.vision.radiance(bar.frame.to_unit(points + 0.3 * normals), -normals, np.array([0.0, 0.0, 1.0]))
-    np.testing.assert_allclose(seen, unit, atol=1e-6)
+    np.testing.assert_allclose(rgba, unit, atol=1e-6)
 
 
 def test_a_camera_that_looks_away_sees_white(bar: ObjectFile) -> None:

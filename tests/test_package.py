@@ -82,11 +82,11 @@ def _interpreter(version: str) -> str:
         return str(chosen)
     for name in (f"python{version}", "python3", "python"):
         for folder in os.get_exec_path():
-            found = shutil.which(name, path=folder)
-            if found is None:
+            program = shutil.which(name, path=folder)
+            if program is None:
                 continue
-            asked = [found, "-c", "import sys; print('%d.%d' % sys.version_info[:2], sys.executable)"]
-            said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout.split(maxsplit=1)
+            argv = [program, "-c", "import sys; print('%d.%d' % sys.version_info[:2], sys.executable)"]
+            said = subprocess.run(argv, capture_output=True, text=True, check=False).stdout.split(maxsplit=1)
             if said[:1] == [version]:
                 return said[1].strip()
     return version
@@ -103,14 +103,14 @@ def _blocks(kind: str) -> list[str]:
 def bare(request: pytest.FixtureRequest, installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment of a Python version with the wheel, and the packages that it depends on, alone."""
     folder = tmp_path_factory.mktemp("bare") / "environment"
-    made = subprocess.run(
+    process = subprocess.run(
         [*UV, "venv", "-q", "--python", _interpreter(request.param), str(folder)],
         capture_output=True,
         text=True,
         check=False,
     )
-    if made.returncode:
-        pytest.skip(f"no Python {request.param}: {made.stderr.strip()}")
+    if process.returncode:
+        pytest.skip(f"no Python {request.param}: {process.stderr.strip()}")
     (wheel,) = installed.parent.glob("*.whl")
     python = folder / "bin" / "python"
     subprocess.run([*UV, "pip", "install", "-q", "--python", str(python), str(wheel)], check=True)
@@ -273,10 +273,10 @@ def test_examples_answer_sight_sound_and_touch(name: str) -> None:
     points, normals = file.sample_contacts(2, seed=0, reachable=False)
     pictures = file.pictures(2, 48)
     assert pictures.shape == (2, 48, 48, 3)
-    seen = (pictures < 250).any(axis=-1)
-    assert seen.mean() > 0.2
-    assert not seen[:, [0, -1]].any(), "all of it is in the image"
-    assert not seen[:, :, [0, -1]].any(), "all of it is in the image"
+    visible = (pictures < 250).any(axis=-1)
+    assert visible.mean() > 0.2
+    assert not visible[:, [0, -1]].any(), "all of it is in the image"
+    assert not visible[:, :, [0, -1]].any(), "all of it is in the image"
     assert np.abs(file.strike(points, -normals, 0.2)).max() > 0
     assert file.press(points).depth_m.max() > 0
 

@@ -91,8 +91,8 @@ def package(tmp_path, monkeypatch):
 
 def test_code_is_followed_through_imports_of_every_form(package):
     name, _ = package
-    found = code_identity(f"{name}.task")
-    assert list(found) == [f"{name}.{part}" for part in ("direct", "inner.shape", "lazy", "task")]
+    identity = code_identity(f"{name}.task")
+    assert list(identity) == [f"{name}.{part}" for part in ("direct", "inner.shape", "lazy", "task")]
     assert not any(module.startswith(name) for module in sys.modules)  # nothing was imported
 
 

@@ -69,7 +69,7 @@ def test_a_package_that_is_none_is_an_error(option: str) -> None:
     ],
 )
 def test_a_changed_file_counts_for_its_package(file: str, package: str, counts: bool) -> None:
-    assert any(overlap(package, other) for other in packages_of_files([file])) == counts
+    assert any(overlap(package, changed_package) for changed_package in packages_of_files([file])) == counts
 
 
 def test_changed_packages_are_those_since_the_commit(tmp_path: Path) -> None:

@@ -53,9 +53,9 @@ def test_two_decorators_name_the_line_that_calls():
     renamed = renamed_keywords(span="duration_s")(speed)
     with pytest.warns(DeprecationWarning, match="`span` is now `duration_s`") as caught:
         assert renamed(3.0, span=2.0) == 1.5  # type: ignore[call-arg]
-    with pytest.warns(DeprecationWarning, match="give `duration_s` by keyword") as others:
+    with pytest.warns(DeprecationWarning, match="give `duration_s` by keyword") as records:
         assert renamed(3.0, 2.0) == 1.5  # type: ignore[misc]
-    assert [warning.filename for warning in [*caught, *others]] == [__file__] * 2
+    assert [warning.filename for warning in [*caught, *records]] == [__file__] * 2
 
 
 class Lamp:

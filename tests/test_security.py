@@ -66,9 +66,9 @@ def dangers(path: Path) -> Iterator[str]:
                 yield f"{where}:{node.lineno} imports {sorted(modules)}"
         elif isinstance(node, ast.Call):
             called, last = name_of(node.func), name_of(node.func).rpartition(".")[2]
-            given = {keyword.arg: keyword.value for keyword in node.keywords}
-            shell = given.get("shell")
-            pickles = given.get("allow_pickle")
+            keywords = {keyword.arg: keyword.value for keyword in node.keywords}
+            shell = keywords.get("shell")
+            pickles = keywords.get("allow_pickle")
             if (
                 called in ("eval", "compile", "__import__", "builtins.eval", "builtins.exec")
                 or (called == "exec" and where not in WRITES_CODE)
@@ -86,13 +86,13 @@ def dangers(path: Path) -> Iterator[str]:
 
 @pytest.mark.slow
 def test_no_code_here_runs_what_data_names():
-    found = [danger for path in SOURCES for danger in dangers(path)]
+    findings = [danger for path in SOURCES for danger in dangers(path)]
     # PyYAML's load takes any loader; the only other load of that name is ruamel's, whose default is safe.
     for path in SOURCES:
         text = path.read_text(encoding="utf-8")
         if "yaml.load(" in text:
             assert "yaml = YAML()" in text, path
-    assert not found
+    assert not findings
 
 
 def test_the_walk_finds(subtests, tmp_path, monkeypatch):
@@ -363,9 +363,9 @@ def test_records_that_are_none_are_refused(subtests, tmp_path_factory):
 def test_a_cache_of_what_was_checked_that_was_tampered_with_checks_again(content, tmp_path):
     path = tmp_path / "data" / "x.zarr.zip"
     write_product(path, Product({}, {"fingerprint": "f"}))
-    kept = tmp_path / ".objectfolder" / "verified.json"
-    kept.parent.mkdir()
-    kept.write_bytes(content)
+    cache = tmp_path / ".objectfolder" / "verified.json"
+    cache.parent.mkdir()
+    cache.write_bytes(content)
     assert Verified(tmp_path).holds(path, "f")
     assert not Verified(tmp_path).holds(path, "g")
 

@@ -30,9 +30,9 @@ def made(make_once: Callable[..., Path]) -> Path:
     return make_once("small-file", make, cache_key(["tests.small_file"], files, PACKAGES))
 
 
-def truths(made: Path, name: str) -> tuple[Product, Product]:
+def truths(folder: Path, name: str) -> tuple[Product, Product]:
     """What is committed and what was made."""
-    return read_product(FOLDER / f"{name}.zarr.zip"), read_product(made / f"{name}.zarr.zip")
+    return read_product(FOLDER / f"{name}.zarr.zip"), read_product(folder / f"{name}.zarr.zip")
 
 
 def test_it_is_small() -> None:

@@ -88,9 +88,9 @@ def test_an_archive_without_a_group_is_refused_by_name(tmp_path: Path) -> None:
     ids=["petabytes", "fraction", "empty chunks", "filled with text"],
 )
 def test_a_description_that_promises_what_cannot_be_is_refused(tmp_path, shape, chunks, fill):
-    path, other = tmp_path / "mug.zarr.zip", tmp_path / "other.zarr.zip"
+    path, damaged_path = tmp_path / "mug.zarr.zip", tmp_path / "other.zarr.zip"
     write_product(path, Product({"values": Array(np.ones((3, 4)), ("row", "column"), "1", "values")}, {}))
-    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(other, "w") as changed:
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(damaged_path, "w") as changed:
         for name in archive.namelist():
             content = archive.read(name)
             if name == "values/zarr.json":
@@ -100,7 +100,7 @@ def test_a_description_that_promises_what_cannot_be_is_refused(tmp_path, shape, 
             changed.writestr(name, content)
     for read in (read_product, archives.check):
         with pytest.raises(FormatError, match=r"other\.zarr\.zip"):
-            read(other)
+            read(damaged_path)
 
 
 def test_an_array_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -27,13 +27,13 @@ def own_views(file: objectfolder.ObjectFile) -> Product:
         "light_position": file.frame.to_unit(lamps),
         "part": np.array(PART),
     }
-    made = {name: vars(CONDITIONS[name]) | {"noise_floor_db": 50.0} for name in NAMES}
+    settings = {name: vars(CONDITIONS[name]) | {"noise_floor_db": 50.0} for name in NAMES}
     return Product(
         {
             f"condition_{name}": Array(value, tuple("abcd"[: value.ndim]), "1", name)
             for name, value in arrays.items()
         },
-        {"conditions": made, "field_of_view_deg": 39.6},
+        {"conditions": settings, "field_of_view_deg": 39.6},
     )
 
 

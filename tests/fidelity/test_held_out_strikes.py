@@ -33,9 +33,9 @@ def test_differences_are_those_of_the_sounds() -> None:
         mode_bank(*own, duration_s=DURATION_S, sample_rate_hz=SAMPLE_RATE_HZ)
         for own in zip(EIGENVALUES, DAMPINGS_PER_S, amplitudes, strict=True)
     ]
-    wanted = [gain_error_db(*pair) for pair in zip(*sounds, strict=True)]
-    found = strike_differences_db(EIGENVALUES, DAMPINGS_PER_S, amplitudes)
-    np.testing.assert_allclose(found, wanted, atol=1e-6)
+    expected_db = [gain_error_db(*pair) for pair in zip(*sounds, strict=True)]
+    differences_db = strike_differences_db(EIGENVALUES, DAMPINGS_PER_S, amplitudes)
+    np.testing.assert_allclose(differences_db, expected_db, atol=1e-6)
 
 
 def test_an_answer_that_is_a_tenth_too_loud_differs_by_20_db_and_one_of_silence_by_nothing_known() -> None:
@@ -61,11 +61,11 @@ def test_every_held_out_strike_is_stored_as_it_sounds(small_file: Path, modes: P
     truths = mode_bank(*solved, duration_s=DURATION_S, sample_rate_hz=SAMPLE_RATE_HZ)
     answers = file.strike(points, impulses, DURATION_S, SAMPLE_RATE_HZ, observed=RMS)
     for row, (truth, answer) in enumerate(zip(truths, answers, strict=True)):
-        found = [stored_strike(stored, which, row) for which in (0, 1)]
+        sounds = [stored_strike(stored, which, row) for which in (0, 1)]
         difference_db = gain_error_db(truth, answer)
         assert stored["strike_difference_db"][row] == pytest.approx(difference_db, abs=1e-3)
-        assert gain_error_db(truth, found[0]) < -80, "steps of 16 bits"
-        assert gain_error_db(answer, found[1]) < max(difference_db - 30, -80), "steps of 8 bits"
+        assert gain_error_db(truth, sounds[0]) < -80, "steps of 16 bits"
+        assert gain_error_db(answer, sounds[1]) < max(difference_db - 30, -80), "steps of 8 bits"
 
 
 def test_points_that_do_not_move_are_stored_as_silent(small_file: Path, modes: Product) -> None:

@@ -31,11 +31,11 @@ def test_psnr_of_a_constant_offset(offset: int) -> None:
 def test_psnr_sees_only_the_mask_and_is_bounded_by_the_rounding_of_8_bits() -> None:
     image, mask = _image(1), np.zeros((40, 48), dtype=bool)
     mask[:10] = True
-    other = image.copy()
-    other[10:] += 40
-    assert psnr_db(image, other, mask) == pytest.approx(20 * np.log10(255 * np.sqrt(12)))
-    assert psnr_db(image, other) < 20
-    assert np.isnan(psnr_db(image, other, np.zeros_like(mask)))
+    variant = image.copy()
+    variant[10:] += 40
+    assert psnr_db(image, variant, mask) == pytest.approx(20 * np.log10(255 * np.sqrt(12)))
+    assert psnr_db(image, variant) < 20
+    assert np.isnan(psnr_db(image, variant, np.zeros_like(mask)))
 
 
 def test_lit_pixels_are_covered_and_bright_by_their_own_colour() -> None:
@@ -49,10 +49,10 @@ def test_lit_pixels_are_covered_and_bright_by_their_own_colour() -> None:
     lit = lit_pixels(Product({"rgba": Array(rgba, dims, "1", ""), "held_out": held_out}))
     np.testing.assert_array_equal(lit[:, 0], [[True, False, False, True], [False] * 4])
     image = np.zeros((2, 1, 4, 3), dtype=np.uint8)
-    other = image + np.array([51, 0, 0, 51], dtype=np.uint8)[:, None]
-    assert measure_within(image, lit, other) == [pytest.approx(20 * np.log10(5))], "no view without any"
-    assert len(measure_within(image, lit, other, 2)) == 1
-    assert measure_within(image, lit, other, 3) == [], "no view of fewer lit pixels than the least"
+    variant = image + np.array([51, 0, 0, 51], dtype=np.uint8)[:, None]
+    assert measure_within(image, lit, variant) == [pytest.approx(20 * np.log10(5))], "no view without any"
+    assert len(measure_within(image, lit, variant, 2)) == 1
+    assert measure_within(image, lit, variant, 3) == [], "no view of fewer lit pixels than the least"
 
 
 @given(st.integers(0, 1000), st.integers(0, 1000))

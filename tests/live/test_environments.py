@@ -40,21 +40,21 @@ def test_gymnasiums_checker_is_content(name, request):
 
 def test_equal_seeds_are_equal_to_the_bit_and_others_differ(squeeze):
     actions = [(1.0, 0.0)] * 4
-    (first, one, *_), (_, two, *_), (other, *_) = (squeezed(squeeze, actions, seed) for seed in (5, 5, 6))
-    for name in one[-1]:
-        np.testing.assert_array_equal(one[-1][name], two[-1][name])
-    assert (first["image"] != other["image"]).any()
+    (first, steps, *_), (_, twin, *_), (second, *_) = (squeezed(squeeze, actions, seed) for seed in (5, 5, 6))
+    for name in steps[-1]:
+        np.testing.assert_array_equal(steps[-1][name], twin[-1][name])
+    assert (first["image"] != second["image"]).any()
 
 
 def test_a_mug_is_gripped_lifted_heard_and_felt(squeeze):
     actions = [(0.4, 0.0)] * 20 + [(0.4, 1.0)] * 13
-    first, seen, rewards, ended, _ = squeezed(squeeze, actions)
+    first, steps, rewards, ended, _ = squeezed(squeeze, actions)
     untouched = objectfolder.example("mug").touch.no_contact
     assert (first["touch"] == untouched).all()
     assert not first["audio"].any()
-    assert max(np.abs(one["audio"]).max() for one in seen[:20]) > 0.01  # the fingers hit it
-    assert (seen[-1]["touch"] != untouched).any(axis=(1, 2, 3)).all()
-    closed, risen, normal_n, tangential_n = seen[-1]["proprioception"].reshape(2, 4).T
+    assert max(np.abs(step["audio"]).max() for step in steps[:20]) > 0.01  # the fingers hit it
+    assert (steps[-1]["touch"] != untouched).any(axis=(1, 2, 3)).all()
+    closed, risen, normal_n, tangential_n = steps[-1]["proprioception"].reshape(2, 4).T
     assert normal_n == pytest.approx([7.0, 7.0], rel=0.03)
     mug = objectfolder.example("mug").description["body"]["mass_kg"]
     assert tangential_n.sum() == pytest.approx(mug * 9.81, rel=0.1)
@@ -74,11 +74,11 @@ def test_a_mug_that_is_held_too_softly_stays_and_earns_nothing(squeeze):
 def test_a_harder_strike_is_louder_and_the_reward_tells_how_far_from_the_wanted_level(strike):
     levels = []
     for hard in (-0.5, 0.0, 0.5):
-        seen, _ = strike.reset(seed=1)
-        wanted_db = float(seen["wanted"][0])
-        seen, reward, ended, _, told = strike.step(np.array([0.3, -0.5, hard], np.float32))
-        heard_db = 20 * np.log10(np.sqrt((seen["audio"].astype(float) ** 2).mean()) / 2e-5)
-        assert told["level_db"] == pytest.approx(heard_db, abs=0.01)
+        observation, _ = strike.reset(seed=1)
+        wanted_db = float(observation["wanted"][0])
+        observation, reward, ended, _, info = strike.step(np.array([0.3, -0.5, hard], np.float32))
+        heard_db = 20 * np.log10(np.sqrt((observation["audio"].astype(float) ** 2).mean()) / 2e-5)
+        assert info["level_db"] == pytest.approx(heard_db, abs=0.01)
         assert reward == pytest.approx(-abs(heard_db - wanted_db) / 20, abs=1e-3)
         assert ended == (abs(heard_db - wanted_db) <= 1)
         levels.append(heard_db)
@@ -105,13 +105,13 @@ def test_strikes_side_by_side_are_those_one_by_one():
     both = gymnasium.make_vec("objectfolder/Strike-v0", num_envs=2, vectorization_mode="sync", pixels=16)
     both.reset(seed=[3, 4])
     actions = np.array([[0.1, 0.0, 0.2], [0.6, -0.5, -0.4]], np.float32)
-    seen = both.step(actions)[0]
+    observations = both.step(actions)[0]
     for number, seed in enumerate((3, 4)):
         alone = gymnasium.make("objectfolder/Strike-v0", pixels=16)
         alone.reset(seed=seed)
         expected = alone.step(actions[number])[0]
         for name, value in expected.items():
-            np.testing.assert_array_equal(seen[name][number], value)
+            np.testing.assert_array_equal(observations[name][number], value)
 
 
 def test_no_environment_without_pixels_or_gymnasium(monkeypatch):

@@ -31,10 +31,10 @@ def ran(world, seconds):
 
 def test_a_ray_finds_the_nearest_surface_and_its_side(world):
     through = np.array([-1.0, 0.0, 0.06]), np.array([1.0, 0.0, 0.0])
-    found = world.under(*through)
-    assert found.body == "0_mug"
-    assert found.normal[0] < -0.5
-    assert world.where("0_mug", found.local_m)[2] == pytest.approx(0.06, abs=1e-6)
+    hit = world.under(*through)
+    assert hit.body == "0_mug"
+    assert hit.normal[0] < -0.5
+    assert world.where("0_mug", hit.local_m)[2] == pytest.approx(0.06, abs=1e-6)
     assert world.under(-through[0] + [0, 0, 0.12], -through[1]).body == "1_bell"
     assert world.under(through[0], -through[1]) is None
 
@@ -76,7 +76,7 @@ def test_both_fingers_press_alike_and_bear_the_weight_when_they_lift(world, open
     world.park()
     ran(world, 0.5)
     assert world.pose("0_mug")[2, 3] < stood_m + 0.02
-    assert not any(one.normal_n for one in touch.feel().values())
+    assert not any(feeling.normal_n for feeling in touch.feel().values())
 
 
 def test_a_body_that_was_lifted_starts_from_its_place_at_rest(world):

@@ -28,8 +28,8 @@ def read(path):
 @pytest.mark.slow
 def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
     clip = scene.with_name("clip.mp4")
-    asked = ["play", str(scene), "--seconds", "0.5", "--width", "96", "--height", "64", "-o"]
-    assert main([*asked, str(clip)]) == 0
+    command = ["play", str(scene), "--seconds", "0.5", "--width", "96", "--height", "64", "-o"]
+    assert main([*command, str(clip)]) == 0
     assert "collisions" in capsys.readouterr().out
     images, sound = read(clip)
     assert images.shape == (15, 64, 96, 3)
@@ -39,9 +39,9 @@ def test_a_dropped_mug_is_seen_to_fall_and_heard_to_hit(scene, capsys):
     assert 0.5 < peak < 0.9
     assert 0.05 < first < 0.3, "silent while it falls"
     again = scene.with_name("again.mp4")
-    assert main([*asked, str(again)]) == 0
+    assert main([*command, str(again)]) == 0
     assert again.read_bytes() == clip.read_bytes()
-    assert main([*asked, str(again), "--seed", "1", "--overwrite"]) == 0
+    assert main([*command, str(again), "--seed", "1", "--overwrite"]) == 0
     assert again.read_bytes() != clip.read_bytes()
 
 
@@ -94,8 +94,8 @@ def test_what_cannot_be_played_is_one_line(scene, tmp_path, capsys):
         write_clip(tmp_path / "a.mp4", [], (31, 32))
     assert not (tmp_path / "a.mp4").exists()
     shutil.rmtree(scene.parent / "mug")
-    for given in (scene, tmp_path / "none.xml"):
-        assert main(["play", str(given), "-o", str(tmp_path / "a.mp4")]) == 1
+    for path in (scene, tmp_path / "none.xml"):
+        assert main(["play", str(path), "-o", str(tmp_path / "a.mp4")]) == 1
         said = capsys.readouterr().err
-        assert str(given) in said
+        assert str(path) in said
         assert "Traceback" not in said

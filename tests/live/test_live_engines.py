@@ -62,39 +62,39 @@ def first_contact(simulation, body="ball"):
     """Step until the body touches, and return the contact with the body second."""
     for _ in range(400):
         simulation.step()
-        for one in simulation.touching():
-            if one.force_n > 0:
-                return one
+        for contact in simulation.touching():
+            if contact.force_n > 0:
+                return contact
     raise AssertionError("nothing touched")
 
 
 def test_both_engines_tell_the_same_of_a_fall(bullet):
     height_m = RADIUS_M + 0.1
-    told = []
+    figures = []
     for simulation in (in_mujoco(height_m, 0.4), in_bullet(bullet, height_m, 0.4)):
-        one = first_contact(simulation)
-        sign = 1.0 if one.bodies[1] == "ball" else -1.0
-        assert set(one.bodies) == {"world", "ball"}
-        np.testing.assert_allclose(sign * one.normal, [0, 0, 1], atol=1e-6)
-        np.testing.assert_allclose(sign * one.sliding_m_s, [0.4, 0, 0], atol=1e-3)
-        assert one.approach_m_s == pytest.approx(np.sqrt(2 * GRAVITY * 0.1), rel=0.02)
+        contact = first_contact(simulation)
+        sign = 1.0 if contact.bodies[1] == "ball" else -1.0
+        assert set(contact.bodies) == {"world", "ball"}
+        np.testing.assert_allclose(sign * contact.normal, [0, 0, 1], atol=1e-6)
+        np.testing.assert_allclose(sign * contact.sliding_m_s, [0.4, 0, 0], atol=1e-3)
+        assert contact.approach_m_s == pytest.approx(np.sqrt(2 * GRAVITY * 0.1), rel=0.02)
         pose = simulation.pose("ball")
         # Touched below the ball's own middle, not below its centre of mass.
         assert pose[2, 3] == pytest.approx(RADIUS_M, abs=5e-3)
-        np.testing.assert_allclose(pose[:2, 3], one.point_m[:2], atol=1e-4)
-        told.append((simulation.time_s, simulation.mass_kg("ball"), simulation.mass_at_kg(one)))
-    assert told[0][0] == pytest.approx(told[1][0], abs=3 * STEP_S)
-    assert told[0][1:] == pytest.approx(told[1][1:], rel=1e-3)
-    assert told[0][2] < MASS_KG  # pushed beside its centre of mass, it turns
+        np.testing.assert_allclose(pose[:2, 3], contact.point_m[:2], atol=1e-4)
+        figures.append((simulation.time_s, simulation.mass_kg("ball"), simulation.mass_at_kg(contact)))
+    assert figures[0][0] == pytest.approx(figures[1][0], abs=3 * STEP_S)
+    assert figures[0][1:] == pytest.approx(figures[1][1:], rel=1e-3)
+    assert figures[0][2] < MASS_KG  # pushed beside its centre of mass, it turns
 
 
 def test_what_stands_presses_with_its_weight_in_both_engines(bullet):
     for simulation in (in_mujoco(RADIUS_M), in_bullet(bullet, RADIUS_M)):
         for _ in range(500):
             simulation.step()
-        (one,) = simulation.touching()
-        assert one.force_n == pytest.approx(MASS_KG * GRAVITY, rel=0.15)  # it rocks about its centre
-        assert one.depth_m == pytest.approx(RADIUS_M - simulation.pose("ball")[2, 3], abs=1e-5)
+        (contact,) = simulation.touching()
+        assert contact.force_n == pytest.approx(MASS_KG * GRAVITY, rel=0.15)  # it rocks about its centre
+        assert contact.depth_m == pytest.approx(RADIUS_M - simulation.pose("ball")[2, 3], abs=1e-5)
 
 
 def test_a_mug_that_falls_in_pybullet_is_heard(bullet):

@@ -20,16 +20,16 @@ def mug():
     return objectfolder.example("mug")
 
 
-def scripted(mug, force_n=2.0, speed_m_s=0.3, **given) -> Scripted:
-    return Scripted(mug.description["body"]["mass_kg"], force_n, speed_m_s, **given)
+def scripted(mug, force_n=2.0, speed_m_s=0.3, **settings) -> Scripted:
+    return Scripted(mug.description["body"]["mass_kg"], force_n, speed_m_s, **settings)
 
 
-def live(mug, simulation, **given) -> LiveSound:
-    return LiveSound(simulation, {"mug": mug}, listener_m=LISTENER_M, **given)
+def live(mug, simulation, **settings) -> LiveSound:
+    return LiveSound(simulation, {"mug": mug}, listener_m=LISTENER_M, **settings)
 
 
-def heard(mug, simulation, blocks=43, **given) -> np.ndarray:
-    sounding = live(mug, simulation, **given)
+def heard(mug, simulation, blocks=43, **settings) -> np.ndarray:
+    sounding = live(mug, simulation, **settings)
     return np.concatenate([sounding.block() for _ in range(blocks)])
 
 
@@ -50,12 +50,12 @@ def pushes(mug, simulation, blocks: int) -> np.ndarray:
 
 
 def test_a_sliding_point_runs_over_the_ground_alone_and_a_rolling_one_over_both(mug):
-    for radius_m, wanted in ((None, (0.3, 0.0)), (RADIUS_M, (0.3, 0.3))):
+    for radius_m, speeds_m_s in ((None, (0.3, 0.0)), (RADIUS_M, (0.3, 0.3))):
         sounding = live(mug, scripted(mug, radius_m=radius_m))
         for _ in range(20):
             sounding.block()
         (contact,) = sounding._lasting.contacts
-        np.testing.assert_allclose(np.linalg.norm(contact.way_m_s, axis=1), wanted, atol=2e-3)
+        np.testing.assert_allclose(np.linalg.norm(contact.way_m_s, axis=1), speeds_m_s, atol=2e-3)
 
 
 def test_twice_the_speed_is_an_octave_up(mug):
@@ -72,9 +72,9 @@ def test_twice_the_speed_is_an_octave_up(mug):
 
 
 def test_the_sound_is_linear_in_the_force(mug):
-    one, two = (heard(mug, scripted(mug, force_n), rest=None) for force_n in (1.0, 2.0))
-    assert np.abs(one).max() > 0
-    np.testing.assert_allclose(two, 2 * one, atol=1e-12 * np.abs(two).max())
+    soft, loud = (heard(mug, scripted(mug, force_n), rest=None) for force_n in (1.0, 2.0))
+    assert np.abs(soft).max() > 0
+    np.testing.assert_allclose(loud, 2 * soft, atol=1e-12 * np.abs(loud).max())
 
 
 def test_the_sound_grows_with_roughness(mug):
@@ -82,15 +82,15 @@ def test_the_sound_grows_with_roughness(mug):
     rough.description["material"]["roughness_um"] = 3.0
     smooth = objectfolder.example("mug")
     smooth.description["material"]["roughness_um"] = 1.0
-    rolls = [heard(one, scripted(one, radius_m=RADIUS_M)) for one in (smooth, rough)]
+    rolls = [heard(file, scripted(file, radius_m=RADIUS_M)) for file in (smooth, rough)]
     # The ground keeps its own micrometre: sqrt(1 + 9) over sqrt(1 + 1) in the mean.
     assert np.std(rolls[1]) / np.std(rolls[0]) == pytest.approx(np.sqrt(5), rel=0.25)
 
 
 def test_a_seed_gives_its_own_surface_and_the_same_each_time(mug):
-    first, again, other = (heard(mug, scripted(mug), seed=seed) for seed in (0, 0, 1))
+    first, again, second = (heard(mug, scripted(mug), seed=seed) for seed in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).max() > 0.1 * np.abs(first).max()
+    assert np.abs(first - second).max() > 0.1 * np.abs(first).max()
 
 
 @pytest.mark.parametrize(("rest", "tolerance"), [(None, 1e-9), (WOODEN_TOP, 0.05)])

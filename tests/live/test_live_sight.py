@@ -61,25 +61,25 @@ def centres():
 
 def first_hits(files, still, origins, directions):
     """Distances (bodies, n) along rays in the world, by each surface alone."""
-    found = []
+    distances = []
     for name, file in files.items():
         pose = still.pose(name)
         hits = file.surface.ray_hits((origins - pose[:3, 3]) @ pose[:3, :3], directions @ pose[:3, :3])
-        found.append(hits.distance)
-    return np.array(found)
+        distances.append(hits.distance)
+    return np.array(distances)
 
 
 def test_the_nearest_body_is_seen(files, still):
-    seen = LiveSight(still, files, table_m=None).image(CAMERA, SIZE)
+    image = LiveSight(still, files, table_m=None).image(CAMERA, SIZE)
     origins, directions = centres()
     distances = first_hits(files, still, origins, directions)
     expected = np.where(np.isfinite(distances.min(axis=0)), distances.argmin(axis=0), -1)
     both = np.isfinite(distances).all(axis=0)
     assert both.sum() > 20, "one stands in front of the other"
-    assert (seen.body.ravel() == expected).mean() > 0.999
+    assert (image.body.ravel() == expected).mean() > 0.999
     depth = distances.min(axis=0) * -(directions @ CAMERA[:3, 2])
-    met = np.isfinite(depth) & np.isfinite(seen.depth_m.ravel())
-    np.testing.assert_allclose(seen.depth_m.ravel()[met], depth[met], atol=1e-6)
+    met = np.isfinite(depth) & np.isfinite(image.depth_m.ravel())
+    np.testing.assert_allclose(image.depth_m.ravel()[met], depth[met], atol=1e-6)
 
 
 def test_one_object_alone_is_its_own_image(files, still):
@@ -91,20 +91,20 @@ def test_one_object_alone_is_its_own_image(files, still):
     # Light falls with the square of metres in the scene, of its own unit in an Object File.
     lamps = Lamps((back @ [*lamp[0], 1])[:3], colour[0] / files["cup"].frame.scale ** 2)
     alone = files["cup"].render_linear(back @ CAMERA, lamps, SIZE, sub_rays=4)
-    seen = sight.image(CAMERA, SIZE)
-    np.testing.assert_array_equal(seen.rgb, on_white(alone)[0])
-    assert (seen.rgb < 250).any()
+    image = sight.image(CAMERA, SIZE)
+    np.testing.assert_array_equal(image.rgb, on_white(alone)[0])
+    assert (image.rgb < 250).any()
 
 
 def test_a_table_is_lit_by_the_law_of_squares_where_no_shadow_falls(files, still):
     lamp = np.array([-0.5, -0.3, 0.35])
-    wanted = {
+    settings = {
         "lights": lamp[None],
         "table_m": (1.0, 0.0),
         "exposure_factor": 2.0,
     }
-    lit = LiveSight(still, files, shadows=False, **wanted).image(CAMERA, SIZE)
-    dark = LiveSight(still, files, **wanted).image(CAMERA, SIZE)
+    lit = LiveSight(still, files, shadows=False, **settings).image(CAMERA, SIZE)
+    dark = LiveSight(still, files, **settings).image(CAMERA, SIZE)
     origins, directions = centres()
     table = (lit.body.ravel() < 0) & np.isfinite(lit.depth_m.ravel())
     points = (origins - directions * (origins[:, 2:] / directions[:, 2:]))[table]
@@ -188,18 +188,18 @@ def test_one_ray_a_pixel_is_the_radiance_at_its_centre(files, still):
         table_m=None,
         exposure_factor=1.0,
     )
-    seen = sight.image(CAMERA, SIZE, sub_rays=1)
+    image = sight.image(CAMERA, SIZE, sub_rays=1)
     origins, directions = centres()
     back = pose[:3, :3]
     expected = files["cup"].radiance(
         (origins - pose[:3, 3]) @ back, directions @ back,
         Lamps((lamp - pose[:3, 3]) @ back, 1 / files["cup"].frame.scale ** 2 * np.ones(3)),
     )  # fmt: skip
-    np.testing.assert_array_equal(seen.rgb.reshape(-1, 3), on_white(expected))
-    assert np.array_equal(seen.body.ravel() >= 0, expected[:, 3] > 0)
+    np.testing.assert_array_equal(image.rgb.reshape(-1, 3), on_white(expected))
+    assert np.array_equal(image.body.ravel() >= 0, expected[:, 3] > 0)
     fine = sight.image(CAMERA, SIZE)
-    np.testing.assert_allclose(seen.depth_m, fine.depth_m, atol=1e-6)
-    assert abs(seen.rgb.astype(float) - fine.rgb).mean() < 3, "but for edges"
+    np.testing.assert_allclose(image.depth_m, fine.depth_m, atol=1e-6)
+    assert abs(image.rgb.astype(float) - fine.rgb).mean() < 3, "but for edges"
 
 
 @pytest.mark.parametrize("sub_rays", [1, 4])
@@ -211,10 +211,10 @@ def test_what_is_kept_of_images_before_changes_none(files, still, sub_rays):
     for turn, camera in ((0.0, CAMERA), (0.0, CAMERA), (0.7, CAMERA), (0.7, look_at(CAMERA[:3, 3] * 1.1)[0])):
         poses["bell"] = placed(files["bell"], -0.07, 0.06, turn)
         fresh = LiveSight(moving, files, **settings).image(camera, SIZE, sub_rays=sub_rays)
-        seen = sight.image(camera, SIZE, sub_rays=sub_rays)
-        np.testing.assert_array_equal(seen.rgb, fresh.rgb)
-        np.testing.assert_array_equal(seen.depth_m, fresh.depth_m)
-        np.testing.assert_array_equal(seen.body, fresh.body)
+        image = sight.image(camera, SIZE, sub_rays=sub_rays)
+        np.testing.assert_array_equal(image.rgb, fresh.rgb)
+        np.testing.assert_array_equal(image.depth_m, fresh.depth_m)
+        np.testing.assert_array_equal(image.body, fresh.body)
 
 
 def test_a_moving_image_shows_what_moved_by_a_tenth_of_a_pixel(files):
@@ -237,31 +237,31 @@ def test_a_moving_image_shows_what_moved_by_a_tenth_of_a_pixel(files):
 def test_one_object_in_an_environment_is_its_own_image(files, still, sub_rays):
     """The cup stands unturned but moved in the world: maps look the same from everywhere."""
     moved = Still({"cup": placed(files["cup"], -0.05, -0.03, 0.0)})
-    seen = LiveSight(moved, {"cup": files["cup"]}, lights="window", table_m=None, exposure_factor=1.0).image(
+    image = LiveSight(moved, {"cup": files["cup"]}, lights="window", table_m=None, exposure_factor=1.0).image(
         CAMERA, SIZE, sub_rays=sub_rays
     )
     alone = files["cup"].render(np.linalg.inv(moved.pose("cup")) @ CAMERA, "window", SIZE, sub_rays=sub_rays)
-    np.testing.assert_array_equal(seen.rgb, alone[0])
-    assert (seen.rgb < 250).any()
+    np.testing.assert_array_equal(image.rgb, alone[0])
+    assert (image.rgb < 250).any()
 
 
 def test_an_environment_stays_in_the_world_where_an_object_turns(files):
     """A quarter turn of the object is one of the map the other way: an eighth of its columns, twice."""
     quarter = Still({"cup": placed(files["cup"], 0.0, 0.0, np.pi / 2)})
     sky = named_map("sky")
-    seen = LiveSight(quarter, {"cup": files["cup"]}, lights="sky", table_m=None, exposure_factor=1.0).image(
+    image = LiveSight(quarter, {"cup": files["cup"]}, lights="sky", table_m=None, exposure_factor=1.0).image(
         CAMERA, SIZE
     )
     turned = np.roll(sky, len(sky) // 2, axis=1)  # columns run clockwise, seen from above
     alone = files["cup"].render(
         np.linalg.inv(quarter.pose("cup")) @ CAMERA, Environment.of(turned), SIZE, sub_rays=4
     )[0]
-    assert np.quantile(abs(seen.rgb.astype(float) - alone), 0.99) <= 1
+    assert np.quantile(abs(image.rgb.astype(float) - alone), 0.99) <= 1
     fixed = LiveSight(
         Still({"cup": placed(files["cup"], 0.0, 0.0, 0.0)}), {"cup": files["cup"]}, lights="sky",
         table_m=None, exposure_factor=1.0,
     ).image(CAMERA, SIZE)  # fmt: skip
-    assert abs(seen.rgb.astype(float) - fixed.rgb)[seen.body == 0].mean() > 1
+    assert abs(image.rgb.astype(float) - fixed.rgb)[image.body == 0].mean() > 1
 
 
 def test_a_draft_is_nearly_the_image(files):
@@ -307,8 +307,8 @@ def test_lamps_and_environments_add_up_and_so_do_colours(files, still):
 
 def test_a_table_in_a_white_furnace_shows_its_albedo(files, still):
     furnace = {"lights": Environment.of(np.ones((8, 16, 3))), "exposure_factor": 1.0}
-    seen = LiveSight(still, files, **furnace, shadows=False).image(CAMERA, SIZE)
-    shown = seen.rgb[(seen.body < 0) & np.isfinite(seen.depth_m)]
+    image = LiveSight(still, files, **furnace, shadows=False).image(CAMERA, SIZE)
+    shown = image.rgb[(image.body < 0) & np.isfinite(image.depth_m)]
     middle = np.median(shown, axis=0)
     np.testing.assert_allclose(middle / 255, srgb_encode(np.array(TABLE_ALBEDO)), atol=0.003)
 
@@ -319,14 +319,14 @@ def test_a_matt_slab_is_seen_as_a_table_and_dark_from_below(files, still):
     poses = Still({"cup": still.pose("cup"), "slab": np.eye(4)})
     table = LiveSight(poses, {"cup": files["cup"]}, exposure_factor=1.0).image(CAMERA, SIZE)
     for sub_rays in (1, 4):
-        seen = LiveSight(
+        image = LiveSight(
             poses, {"cup": files["cup"]}, matt={"slab": slab}, table_m=None, exposure_factor=1.0
         ).image(CAMERA, SIZE, sub_rays=sub_rays)
-        alike = abs(seen.rgb.astype(int) - table.rgb).max(axis=2) <= 1
+        alike = abs(image.rgb.astype(int) - table.rgb).max(axis=2) <= 1
         assert alike[table.body < 0].mean() > 0.97, "but at the edges of shadows and of the cup"
-        assert np.array_equal(seen.body >= 0, table.body >= 0)
-        both = np.isfinite(seen.depth_m) & np.isfinite(table.depth_m)
-        np.testing.assert_allclose(seen.depth_m[both], table.depth_m[both], atol=1e-6)
+        assert np.array_equal(image.body >= 0, table.body >= 0)
+        both = np.isfinite(image.depth_m) & np.isfinite(table.depth_m)
+        np.testing.assert_allclose(image.depth_m[both], table.depth_m[both], atol=1e-6)
         assert both.sum() > 0.97 * np.isfinite(table.depth_m).sum(), "but at the table's edge"
     below = look_at(np.array([[0.1, -0.2, -0.4]]), np.array([[0.0, 0.0, 0.0]]))[0]
     dark = LiveSight(poses, {}, matt={"slab": slab}, table_m=None, exposure_factor=1.0).image(below, SIZE)
@@ -339,11 +339,11 @@ def test_a_matt_body_hides_and_shades_as_an_object_of_its_surface(files, still):
     body = MattBody(files["bell"].surface)
     as_file = LiveSight(still, files, exposure_factor=1.0).image(CAMERA, SIZE)
     as_matt = LiveSight(still, {"cup": files["cup"]}, matt={"bell": body}, exposure_factor=1.0)
-    seen = as_matt.image(CAMERA, SIZE)
-    np.testing.assert_allclose(seen.depth_m, as_file.depth_m, atol=1e-6)
-    np.testing.assert_array_equal(seen.body == 0, as_file.body == 0)
+    image = as_matt.image(CAMERA, SIZE)
+    np.testing.assert_allclose(image.depth_m, as_file.depth_m, atol=1e-6)
+    np.testing.assert_array_equal(image.body == 0, as_file.body == 0)
     elsewhere = as_file.body != 1
-    assert (abs(seen.rgb.astype(int) - as_file.rgb).max(axis=2) <= 1)[elsewhere].mean() > 0.98
+    assert (abs(image.rgb.astype(int) - as_file.rgb).max(axis=2) <= 1)[elsewhere].mean() > 0.98
 
 
 @pytest.mark.parametrize(
@@ -357,12 +357,12 @@ def test_a_matt_slab_takes_an_environment_as_the_table_does(files, lights):
     pose[:3, :3] = turned
     settings = {"lights": lights, "exposure_factor": 0.5}
     table = LiveSight(Still({}), {}, **settings).image(CAMERA, SIZE)
-    seen = LiveSight(Still({"slab": pose}), {}, matt={"slab": slab}, table_m=None, **settings).image(
+    image = LiveSight(Still({"slab": pose}), {}, matt={"slab": slab}, table_m=None, **settings).image(
         CAMERA, SIZE
     )
-    both = np.isfinite(seen.depth_m) & np.isfinite(table.depth_m)
+    both = np.isfinite(image.depth_m) & np.isfinite(table.depth_m)
     assert both.mean() > 0.3
-    alike = abs(seen.rgb.astype(int) - table.rgb).max(axis=2) <= 2
+    alike = abs(image.rgb.astype(int) - table.rgb).max(axis=2) <= 2
     assert alike[both].mean() > 0.97, "but at their edges"
 
 
@@ -404,12 +404,12 @@ def test_objects_hide_an_environment_from_the_table(files):
     cup, size, factor = files["cup"], (40, 40), 0.4
     still = Still({"cup": placed(cup, 0.0, 0.0, 0.4)})
     settings = {"lights": "window", "exposure_factor": factor}
-    seen = LiveSight(still, {"cup": cup}, **settings).image(CAMERA, size)
+    image = LiveSight(still, {"cup": cup}, **settings).image(CAMERA, size)
     bare = LiveSight(still, {"cup": cup}, **settings, shadows=False).image(CAMERA, size)
     radiance, (directions, solid_angle) = named_map("window"), pixel_directions(128)
     arriving = (radiance * (directions[..., 2] * solid_angle[:, None])[..., None])[:64].reshape(-1, 3) / np.pi
     towards = directions[:64].reshape(-1, 3)
-    table = (seen.body < 0) & np.isfinite(seen.depth_m)
+    table = (image.body < 0) & np.isfinite(image.depth_m)
     pixels = np.argwhere(table)[:: max(1, table.sum() // 60)]
     starts, along = pixel_rays(CAMERA, pixels @ [size[1], 1], np.array([[0.5, 0.5]]), size, FIELD_OF_VIEW_DEG)
     points = starts - along * (starts[:, 2:] / along[:, 2:])
@@ -419,7 +419,7 @@ def test_objects_hide_an_environment_from_the_table(files):
         from_m = np.broadcast_to(point + np.array([0, 0, 1e-5]), towards.shape)
         hidden = cup.surface.occluded((from_m - place) @ turn, (from_m + towards - place) @ turn)
         share = arriving[~hidden].sum(axis=0) / arriving.sum(axis=0)
-        shown = srgb_decode(seen.rgb[row, column] / 255) / srgb_decode(bare.rgb[row, column] / 255)
+        shown = srgb_decode(image.rgb[row, column] / 255) / srgb_decode(bare.rgb[row, column] / 255)
         errors.append(abs(shown - share).max())
         darkest = min(darkest, share.min())
     assert darkest < 0.6

@@ -44,8 +44,8 @@ def mass_of(file) -> float:
     return file.description["body"]["mass_kg"]
 
 
-def heard(simulation: MujocoSimulation, files, blocks: int, **given) -> tuple[np.ndarray, list[Impact]]:
-    live = LiveSound(simulation, files, sample_rate_hz=RATE_HZ, listener_m=LISTENER_M, **given)
+def heard(simulation: MujocoSimulation, files, blocks: int, **settings) -> tuple[np.ndarray, list[Impact]]:
+    live = LiveSound(simulation, files, sample_rate_hz=RATE_HZ, listener_m=LISTENER_M, **settings)
     return np.concatenate([live.block() for _ in range(blocks)]), live.impacts
 
 
@@ -70,19 +70,19 @@ def test_blocks_are_what_the_file_answers_at_once(mug):
     listener = LISTENER_M - [0, 0, RADIUS_M + 0.1]
     sound, (first, *_) = heard(simulation, {"mug": mug}, 30, block_samples=512, rest=None)
     simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
-    other, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128, rest=None)
+    sound_again, _ = heard(simulation, {"mug": mug}, 30 * 4, block_samples=128, rest=None)
     scale = np.abs(sound).max()
-    np.testing.assert_allclose(other, sound, atol=1e-9 * scale)
+    np.testing.assert_allclose(sound_again, sound, atol=1e-9 * scale)
     sign = 1 if first.bodies[1] == "mug" else -1
     # The ball touches the ground below its centre, at the foot of the mug's frame.
     point = mug.surface.closest_points(np.array([[0, 0, -RADIUS_M]])).points
     stream = mug.stream(RATE_HZ, listener=listener)
     place = stream.motion(mug.surface.closest_points(point))
     stream.spend(place, sign * first.impulse_n_s, 0, first.profile)
-    wanted = stream.block(round(0.2 * RATE_HZ))[0]
+    expected = stream.block(round(0.2 * RATE_HZ))[0]
     start = round(first.time_s * RATE_HZ)
     count = 3000  # before the ball comes back
-    np.testing.assert_allclose(sound[start : start + count], wanted[:count], atol=1e-6 * scale)
+    np.testing.assert_allclose(sound[start : start + count], expected[:count], atol=1e-6 * scale)
 
 
 def test_both_bodies_of_a_collision_ring_and_give_way(mug):
@@ -94,7 +94,7 @@ def test_both_bodies_of_a_collision_ring_and_give_way(mug):
         simulation._data.qvel[0] = 1.0
         sound, impacts = heard(simulation, dict.fromkeys(files, mug), 20, others=ceramic)
         assert np.abs(sound).max() > 0
-        collision = next(one for one in impacts if set(one.bodies) == {"left", "right"})
+        collision = next(impact for impact in impacts if set(impact.bodies) == {"left", "right"})
         # About what rigid bodies would pass on, for the modes give much of theirs back.
         assert np.linalg.norm(collision.impulse_n_s) == pytest.approx(1.5 * mass_of(mug) / 2, rel=0.1)
         lasting[files] = collision.duration_s
@@ -103,9 +103,9 @@ def test_both_bodies_of_a_collision_ring_and_give_way(mug):
 
 def test_a_harder_material_is_struck_for_a_shorter_time(mug):
     durations = []
-    for others in OTHERS:
+    for ground in OTHERS:
         simulation = world({"mug": (0, 0, RADIUS_M + 0.1)}, mass_of(mug))
-        _, impacts = heard(simulation, {"mug": mug}, 20, others=others)
+        _, impacts = heard(simulation, {"mug": mug}, 20, others=ground)
         durations.append(impacts[0].duration_s)
     material = mug.description["material"]
     own = (1 - material["poisson_ratio"] ** 2) / material["youngs_modulus_pa"]
@@ -161,8 +161,8 @@ def test_what_has_fallen_rings_out_and_nothing_else_is_heard(mug):
 def test_the_nearest_place_is_the_surface_s_own(mug):
     body = HeardBody.of("mug", mug, mass_of(mug), RATE_HZ, LISTENER_M)
     points = mug.surface.sample(40, 0).points + np.random.default_rng(0).normal(scale=0.01, size=(40, 3))
-    wanted = mug.surface.closest_points(points)
+    expected = mug.surface.closest_points(points)
     for row, point in enumerate(points):
-        found = body.nearest(point)
-        np.testing.assert_allclose(found.points[0], wanted.points[row], atol=1e-12)
-        assert found.distance[0] == pytest.approx(wanted.distance[row])
+        nearest = body.nearest(point)
+        np.testing.assert_allclose(nearest.points[0], expected.points[row], atol=1e-12)
+        assert nearest.distance[0] == pytest.approx(expected.distance[row])

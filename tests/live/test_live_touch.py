@@ -44,9 +44,9 @@ class Posed:
         return self.contacts
 
 
-def pressed(**asked):
+def pressed(**settings):
     """A touch of the mug's wall, half way up."""
-    touches = MUG.press([[0.0, -0.041, 0.05]], **asked)
+    touches = MUG.press([[0.0, -0.041, 0.05]], **settings)
     assert touches.reachable.all()
     return touches
 
@@ -59,10 +59,10 @@ def turned(axis, degrees, place=(0, 0, 0)):
     return pose
 
 
-def felt(finger_pose, mug_pose=None, contacts=(), finger=None, **asked):
+def felt(finger_pose, mug_pose=None, contacts=(), finger=None, **settings):
     poses = {"mug": np.eye(4) if mug_pose is None else mug_pose, "finger": finger_pose}
     simulation = Posed(poses, list(contacts))
-    return LiveTouch(simulation, {"mug": MUG}, {"finger": finger or Finger()}, **asked).feel()["finger"]
+    return LiveTouch(simulation, {"mug": MUG}, {"finger": finger or Finger()}, **settings).feel()["finger"]
 
 
 def bearing(pose, force_sensor_n, place_m=(0.0, 0.0, 0.0), depth_m=0.0):
@@ -81,46 +81,46 @@ def bearing(pose, force_sensor_n, place_m=(0.0, 0.0, 0.0), depth_m=0.0):
 )
 def test_a_finger_sees_what_a_press_at_that_pose_sees(asked):
     touches = pressed(**asked)
-    found = felt(touches.sensor_to_object[0])
-    assert found.touched == "mug"
-    np.testing.assert_array_equal(found.image.rgb, touches.rgb[0])
-    np.testing.assert_array_equal(found.image.depth, touches.depth_m[0])
-    np.testing.assert_array_equal(found.image.mask, touches.mask[0])
-    assert found.penetration_m == pytest.approx(touches.penetration_m[0], abs=1e-12)
+    touch = felt(touches.sensor_to_object[0])
+    assert touch.touched == "mug"
+    np.testing.assert_array_equal(touch.image.rgb, touches.rgb[0])
+    np.testing.assert_array_equal(touch.image.depth, touches.depth_m[0])
+    np.testing.assert_array_equal(touch.image.mask, touches.mask[0])
+    assert touch.penetration_m == pytest.approx(touches.penetration_m[0], abs=1e-12)
 
 
 def test_a_finger_presses_with_the_sensor_that_the_files_were_made_with():
-    other = objectfolder.example("mug")
-    other.touch.net.sensor = read_sensor("gelsight").at_resolution(48, 64)
-    touches = other.press([[0.0, -0.041, 0.05]])
+    gelsight_mug = objectfolder.example("mug")
+    gelsight_mug.touch.net.sensor = read_sensor("gelsight").at_resolution(48, 64)
+    touches = gelsight_mug.press([[0.0, -0.041, 0.05]])
     simulation = Posed({"mug": np.eye(4), "finger": touches.sensor_to_object[0]})
-    found = LiveTouch(simulation, {"mug": other}, {"finger": Finger()}).feel()["finger"]
-    np.testing.assert_array_equal(found.image.rgb, touches.rgb[0])
+    touch = LiveTouch(simulation, {"mug": gelsight_mug}, {"finger": Finger()}).feel()["finger"]
+    np.testing.assert_array_equal(touch.image.rgb, touches.rgb[0])
     simulation.poses |= {"mine": np.eye(4), "twin": np.eye(4)}
-    files = {"mine": MUG, "twin": MUG, "mug": other}
+    files = {"mine": MUG, "twin": MUG, "mug": gelsight_mug}
     with pytest.raises(QueryError, match="'mine' was made with another sensor than 'mug'"):
         LiveTouch(simulation, files, {"finger": Finger()})
-    chosen = {"finger": Finger(sensor=other.touch.sensor)}
-    assert LiveTouch(simulation, files, chosen).sensors == {"finger": other.touch.sensor}
+    chosen = {"finger": Finger(sensor=gelsight_mug.touch.sensor)}
+    assert LiveTouch(simulation, files, chosen).sensors == {"finger": gelsight_mug.touch.sensor}
 
 
 def test_where_the_world_stands_changes_nothing_but_rounding():
     touches = pressed()
     world = turned([0.6, 0.0, 0.8], 123.0, (0.3, -2.0, 0.7))
-    found = felt(world @ touches.sensor_to_object[0], world)
-    assert found.penetration_m == pytest.approx(1e-3, abs=1e-12)
-    np.testing.assert_allclose(found.image.depth, touches.depth_m[0], atol=2**-23)
-    assert np.abs(found.image.rgb.astype(int) - touches.rgb[0]).max() <= 1
-    np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
+    touch = felt(world @ touches.sensor_to_object[0], world)
+    assert touch.penetration_m == pytest.approx(1e-3, abs=1e-12)
+    np.testing.assert_allclose(touch.image.depth, touches.depth_m[0], atol=2**-23)
+    assert np.abs(touch.image.rgb.astype(int) - touches.rgb[0]).max() <= 1
+    np.testing.assert_allclose(touch.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
 
 
 def test_a_finger_rolled_about_its_axis_is_a_press_at_that_roll():
     axis = MUG.touch.sensor.gel_apex_m
     about = turned([1, 0, 0], 30.0)
     about[:3, 3] = np.array(axis) - about[:3, :3] @ axis
-    found = felt(pressed().sensor_to_object[0] @ about)
+    touch = felt(pressed().sensor_to_object[0] @ about)
     for roll in (30.0, -30.0):
-        difference = np.abs(found.image.rgb.astype(int) - pressed(roll_deg=roll).rgb[0]).max()
+        difference = np.abs(touch.image.rgb.astype(int) - pressed(roll_deg=roll).rgb[0]).max()
         assert (difference <= 1) == (roll < 0)
 
 
@@ -128,8 +128,8 @@ def test_a_sensor_may_stand_anywhere_in_its_body():
     touches = pressed()
     mount = turned([0, 1, 0], 40.0, (0.01, 0.02, 0.03))
     body = touches.sensor_to_object[0] @ np.linalg.inv(mount)
-    found = felt(body, finger=Finger(sensor_to_body=mount))
-    np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
+    touch = felt(body, finger=Finger(sensor_to_body=mount))
+    np.testing.assert_allclose(touch.sensor_to_object, touches.sensor_to_object[0], atol=1e-12)
 
 
 def test_the_object_that_lies_deepest_is_seen():
@@ -137,8 +137,8 @@ def test_the_object_that_lies_deepest_is_seen():
     deeper = np.eye(4)
     deeper[:3, 3] -= 0.0005 * pose[:3, 0]
     simulation = Posed({"far": np.eye(4), "near": deeper, "finger": pose})
-    found = LiveTouch(simulation, {"far": MUG, "near": MUG}, {"finger": Finger()}).feel()["finger"]
-    assert (found.touched, round(found.penetration_m, 9)) == ("near", 0.0015)
+    touch = LiveTouch(simulation, {"far": MUG, "near": MUG}, {"finger": Finger()}).feel()["finger"]
+    assert (touch.touched, round(touch.penetration_m, 9)) == ("near", 0.0015)
 
 
 @pytest.mark.parametrize("off_m", [0.0002, 0.003])
@@ -147,12 +147,12 @@ def test_a_finger_that_shapes_stop_before_the_surface_feels_it_as_deep(off_m):
     pose = touches.sensor_to_object[0].copy()
     pose[:3, 3] -= (4e-4 + off_m) * pose[:3, 0]
     contacts = [bearing(pose, [-2.0, 0.0, 0.0], MUG.touch.sensor.gel_apex_m, 5e-4)]
-    found = felt(pose, contacts=contacts, onto_surface=True)
-    assert found.touched == "mug"
-    assert found.advanced_m == pytest.approx(4e-4 + off_m, abs=1e-9)
-    np.testing.assert_allclose(found.sensor_to_object, touches.sensor_to_object[0], atol=1e-9)
-    np.testing.assert_allclose(found.image.depth, touches.depth_m[0], atol=2**-23)
-    assert found.pressed.force_n == pytest.approx(2.0), "and it bears the force there"
+    touch = felt(pose, contacts=contacts, onto_surface=True)
+    assert touch.touched == "mug"
+    assert touch.advanced_m == pytest.approx(4e-4 + off_m, abs=1e-9)
+    np.testing.assert_allclose(touch.sensor_to_object, touches.sensor_to_object[0], atol=1e-9)
+    np.testing.assert_allclose(touch.image.depth, touches.depth_m[0], atol=2**-23)
+    assert touch.pressed.force_n == pytest.approx(2.0), "and it bears the force there"
     assert felt(pose, contacts=contacts).touched is None
 
 
@@ -170,9 +170,9 @@ def test_other_fingers_are_felt_where_they_are(off_m, place_m, depth_m):
     pose = pressed(depth_m=1e-3).sensor_to_object[0].copy()
     pose[:3, 3] -= (1e-3 + off_m) * pose[:3, 0]
     contacts = [bearing(pose, [-2.0, 0.0, 0.0], place_m, depth_m)]
-    found = felt(pose, contacts=contacts, onto_surface=True)
-    assert (found.advanced_m, found.touched) == (0.0, "mug" if off_m < 0 else None)
-    np.testing.assert_allclose(found.sensor_to_object, pose, atol=1e-15)
+    touch = felt(pose, contacts=contacts, onto_surface=True)
+    assert (touch.advanced_m, touch.touched) == (0.0, "mug" if off_m < 0 else None)
+    np.testing.assert_allclose(touch.sensor_to_object, pose, atol=1e-15)
 
 
 def test_fingers_feel_a_bell_whose_hull_they_press():
@@ -186,14 +186,14 @@ def test_fingers_feel_a_bell_whose_hull_they_press():
     data.ctrl[:2] = 4.0
     for _ in range(300):
         simulation.step()
-    depths = [one.depth_m for one in simulation.touching() if "left" in one.bodies]
-    found = touch.feel()["left"]
-    assert found.normal_n == pytest.approx(4.0, rel=0.05)
-    assert found.advanced_m > 1e-3
-    assert found.penetration_m == pytest.approx(max(depths) - 1e-4, abs=1e-9)
-    poses = {"bell": np.eye(4), "finger": found.sensor_to_object}
-    there = LiveTouch(Posed(poses), {"bell": bell}, {"finger": Finger()}).feel()["finger"]
-    np.testing.assert_array_equal(found.image.rgb, there.image.rgb)
+    depths = [contact.depth_m for contact in simulation.touching() if "left" in contact.bodies]
+    feeling = touch.feel()["left"]
+    assert feeling.normal_n == pytest.approx(4.0, rel=0.05)
+    assert feeling.advanced_m > 1e-3
+    assert feeling.penetration_m == pytest.approx(max(depths) - 1e-4, abs=1e-9)
+    poses = {"bell": np.eye(4), "finger": feeling.sensor_to_object}
+    expected = LiveTouch(Posed(poses), {"bell": bell}, {"finger": Finger()}).feel()["finger"]
+    np.testing.assert_array_equal(feeling.image.rgb, expected.image.rgb)
 
 
 def test_an_object_that_presses_from_a_hair_beyond_the_gel_drags_its_markers():
@@ -203,42 +203,42 @@ def test_an_object_that_presses_from_a_hair_beyond_the_gel_drags_its_markers():
     away = np.eye(4)
     away[:3, 3] = 0, 1, 0
     simulation = Posed({"other": away, "mug": np.eye(4), "finger": pose}, [bearing(pose, [-2.0, 0.5, 0.0])])
-    found = LiveTouch(simulation, {"other": MUG, "mug": MUG}, {"finger": Finger()}).feel()["finger"]
-    assert found.touched is None
-    assert found.sheared[0].force_n == pytest.approx(2.0)
-    assert found.markers().displacement_m[:, 1].max() > 1e-5
+    touch = LiveTouch(simulation, {"other": MUG, "mug": MUG}, {"finger": Finger()}).feel()["finger"]
+    assert touch.touched is None
+    assert touch.sheared[0].force_n == pytest.approx(2.0)
+    assert touch.markers().displacement_m[:, 1].max() > 1e-5
 
 
 def test_an_untouched_finger_sees_its_gel_and_its_markers_rest():
     pose = pressed().sensor_to_object[0].copy()
     pose[:3, 3] -= 0.05 * pose[:3, 0]
-    found = felt(pose)
-    assert found.touched is None
-    np.testing.assert_array_equal(found.image.rgb, MUG.touch.no_contact)
-    assert (found.penetration_m, found.normal_n, found.tangential_n, found.sliding) == (0, 0, 0, False)
-    markers = found.markers()
+    touch = felt(pose)
+    assert touch.touched is None
+    np.testing.assert_array_equal(touch.image.rgb, MUG.touch.no_contact)
+    assert (touch.penetration_m, touch.normal_n, touch.tangential_n, touch.sliding) == (0, 0, 0, False)
+    markers = touch.markers()
     np.testing.assert_allclose(markers.pixels, markers.rest_pixels, atol=1e-9)
 
 
 def test_forces_of_all_contacts_with_objects_add_up_in_the_sensors_frame():
     pose = pressed().sensor_to_object[0]
-    one, two = bearing(pose, [-3.0, 0.5, 0.0]), bearing(pose, [-1.0, 0.0, -0.25])
+    strong, weak = bearing(pose, [-3.0, 0.5, 0.0]), bearing(pose, [-1.0, 0.0, -0.25])
     turned_round = Touching(
-        two.bodies[::-1], two.point_m, -two.normal, two.force_n, two.velocities_m_s, -two.friction_n
+        weak.bodies[::-1], weak.point_m, -weak.normal, weak.force_n, weak.velocities_m_s, -weak.friction_n
     )
-    table = Touching(("table", "finger"), one.point_m, one.normal, 99.0, one.velocities_m_s)
-    found = felt(pose, contacts=[one, turned_round, table])
-    np.testing.assert_allclose(found.force_n, [-4.0, 0.5, -0.25], atol=1e-12)
-    assert found.normal_n == pytest.approx(4.0)
-    assert found.tangential_n == pytest.approx(np.hypot(0.5, 0.25))
+    table = Touching(("table", "finger"), strong.point_m, strong.normal, 99.0, strong.velocities_m_s)
+    touch = felt(pose, contacts=[strong, turned_round, table])
+    np.testing.assert_allclose(touch.force_n, [-4.0, 0.5, -0.25], atol=1e-12)
+    assert touch.normal_n == pytest.approx(4.0)
+    assert touch.tangential_n == pytest.approx(np.hypot(0.5, 0.25))
 
 
 @pytest.mark.parametrize(("across", "sliding"), [(0.0, False), (1.9, False), (1.99, True), (2.2, True)])
 def test_it_slides_where_the_force_across_is_all_that_friction_bears(across, sliding):
     pose = pressed().sensor_to_object[0]
-    found = felt(pose, contacts=[bearing(pose, [-4.0, across, 0.0])], finger=Finger(friction=0.5))
-    assert found.sliding == sliding
-    contact, shear = found.sheared
+    touch = felt(pose, contacts=[bearing(pose, [-4.0, across, 0.0])], finger=Finger(friction=0.5))
+    assert touch.sliding == sliding
+    contact, shear = touch.sheared
     assert contact.force_n == pytest.approx(4.0)
     area = contact.pitch_m[0] * contact.pitch_m[1]
     np.testing.assert_allclose(shear.traction_pa.sum(axis=(1, 2)) * area, [0, -min(across, 2.0)], atol=1e-6)
@@ -278,8 +278,8 @@ def test_two_contacts_twist_the_gel_and_what_slipped_stays():
     assert abs(rest.sheared[1].twist_rad) < 1e-3 * abs(shear.twist_rad)
     released = rest.sheared_after(shear)[1]
     assert 0.01 < released.twist_rad / shear.twist_rad < 0.9
-    kept = rest.markers(before=shear).displacement_m - rest.markers().displacement_m
-    assert np.abs(kept).max() > 1e-7
+    drag_m = rest.markers(before=shear).displacement_m - rest.markers().displacement_m
+    assert np.abs(drag_m).max() > 1e-7
 
 
 def squeezed(engine, tilt_deg, friction=0.6):
@@ -290,17 +290,17 @@ def squeezed(engine, tilt_deg, friction=0.6):
     plate = lean @ turned([1, 0, 0], 0.0, (-0.015, 0, top + 0.005))
     if engine == "mujoco":
         place, quaternion = plate[:3, 3], np.zeros(4)
-        other = np.zeros(4)
+        turn = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, plate[:3, :3].ravel())
-        mujoco.mju_mat2Quat(other, upward[:3, :3].ravel())
-        told = " ".join(map(str, place)), " ".join(map(str, quaternion)), " ".join(map(str, other))
+        mujoco.mju_mat2Quat(turn, upward[:3, :3].ravel())
+        texts = " ".join(map(str, place)), " ".join(map(str, quaternion)), " ".join(map(str, turn))
         # It may move but not turn: it would rock on its corners.
         joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
         model = mujoco.MjModel.from_xml_string(
             f'<mujoco><option timestep=".002" gravity="0 0 -{GRAVITY}" cone="elliptic"/>'
-            f'<worldbody><body name="finger" quat="{told[2]}">'
+            f'<worldbody><body name="finger" quat="{texts[2]}">'
             f'<geom type="box" pos="{top / 2} 0 .015" size="{top / 2} .05 .05" friction="{friction}"/></body>'
-            f'<body name="mug" pos="{told[0]}" quat="{told[1]}">{joints}'
+            f'<body name="mug" pos="{texts[0]}" quat="{texts[1]}">{joints}'
             f'<geom type="box" size=".02 .02 .005" mass="{MASS_KG}" friction="{friction}"/></body>'
             f"</worldbody></mujoco>"
         )

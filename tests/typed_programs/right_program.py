@@ -23,8 +23,8 @@ def look(file: ObjectFile) -> NDArray[np.uint8]:
     around = file.render(cameras, Environment.of(np.ones((4, 8, 3))), crop=(0, 0, 8, 8))
     radiance: NDArray[np.float32] = file.render_linear(cameras, lights, 64)
     depth = file.render_passes(cameras, ["depth", "mask"], lights, 64)["depth"]
-    seen = file.radiance([[0.0, 0.0, 1.0]], [[0.0, 0.0, -1.0]], [0.0, 0.0, 1.0])
-    print(red.shape, sky.shape, around.shape, radiance.mean(), depth.min(), seen[:, 3])
+    rgba = file.radiance([[0.0, 0.0, 1.0]], [[0.0, 0.0, -1.0]], [0.0, 0.0, 1.0])
+    print(red.shape, sky.shape, around.shape, radiance.mean(), depth.min(), rgba[:, 3])
     return images
 
 
