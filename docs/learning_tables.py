@@ -282,7 +282,7 @@ def regrasping(figures: Figures) -> str:
 def _unseen_held(figures: Figures) -> str:
     unseen = figures["unseen"]
     lost, ahead = unseen["lost"], unseen["touch_ahead"]
-    held = {who: figures["held"][who] for who in ahead if who not in unseen["held"]} | unseen["held"]
+    rates = {who: figures["held"][who] for who in ahead if who not in unseen["held"]} | unseen["held"]
     heading = [
         f"the same episodes, objects left out of the training, {len(unseen['folds'])} folds",
         *HELD,
@@ -291,7 +291,7 @@ def _unseen_held(figures: Figures) -> str:
     ]
     rows = [
         [*_held_row(who, row), _points(lost.get(who)), _points(ahead.get(who))]
-        for who, row in sorted(held.items())
+        for who, row in sorted(rates.items())
     ]
     return _rows(heading, rows)
 

@@ -221,7 +221,7 @@ def predicted(
         unsure &= maximum_filter((values < INSIDE).any(axis=0), size=3)
         side *= 2
         nearest = np.ix_(*3 * [(np.arange(side + 1) + 1) // 2])
-        asked = unsure[nearest]
+        mask = unsure[nearest]
         values = np.stack([own[nearest] for own in values])
-        values[:, asked] = logits(grid_points(side, asked))
+        values[:, mask] = logits(grid_points(side, mask))
     return [surface_of(own, cells) for own in values]

@@ -255,8 +255,8 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     pairs = [
         (int(answer), label)
         for label in closed
-        for others in [[candidate for candidate in closed if candidate != label]]
-        for answer in random.permutation(others)[:OTHERS]
+        for candidates in [[candidate for candidate in closed if candidate != label]]
+        for answer in random.permutation(candidates)[:OTHERS]
     ]
     result: dict[str, Any] = {
         "left_out_open": [name for label, name in enumerate(objects.ids) if label not in closed],

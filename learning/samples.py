@@ -229,5 +229,5 @@ def stored(
         sounds = np.stack([sample["sound"].numpy() for sample in samples])
         return [spectrograms(sounds, resolution) for resolution in resolutions]
     images = torch.stack([sample["image"] for sample in samples])
-    sized = [pictures(images, resolution) for resolution in resolutions]
-    return [image.half() for image in sized] if dataset.sense == "touch" else sized
+    inputs = [pictures(images, resolution) for resolution in resolutions]
+    return [image.half() for image in inputs] if dataset.sense == "touch" else inputs

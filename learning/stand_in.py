@@ -78,8 +78,8 @@ def _inputs(
     else:
         pairs = list(zip(first("held_out", data.test), first("training", count), strict=True))
     # A data set may hold fewer views or touches than are asked for.
-    learnt = len(pairs[0][1]) * training // count
-    return [(others[:learnt], others[learnt:], test) for test, others in pairs]
+    split = len(pairs[0][1]) * training // count
+    return [(remainder[:split], remainder[split:], test) for test, remainder in pairs]
 
 
 def _compared(objects: Objects, settings: Settings, sense: str, seed: int) -> Arrays:
@@ -113,8 +113,8 @@ def first_of_each(part: Labelled, share: float) -> Labelled:
     for label in part.labels.unique():
         own = torch.nonzero(part.labels == label)[:, 0]
         rows.append(own[torch.arange(len(own)) % max(1, round(share * len(own)))])
-    chosen = torch.cat(rows)
-    return Labelled(part.inputs[chosen], part.labels[chosen])
+    indices = torch.cat(rows)
+    return Labelled(part.inputs[indices], part.labels[indices])
 
 
 def _told_apart(sources: list[Labelled]) -> Labelled:
@@ -137,8 +137,8 @@ def _retrieved(
         first, second = (_encoded(own, trained, tested, split) for own in arrays)
         return first, second
 
-    learnt = pair(trained, "training"), pair(trained, "validation")
-    space = fit_common_space(*learnt, len(objects), settings.retrieval, seed)
+    splits = pair(trained, "training"), pair(trained, "validation")
+    space = fit_common_space(*splits, len(objects), settings.retrieval, seed)
     return {
         tested: float(
             np.mean(

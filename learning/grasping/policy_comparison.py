@@ -64,33 +64,44 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     grasps = Grasps(objects, settings)
     workers.gather([workers.submit(grasps.worlds.part, name) for name in grasps.worlds])
     folds = unseen_objects(objects, settings, grasps.ids)
-    seen, unseen = _seen_learners(objects, settings), unseen_learners(objects, settings, folds)
-    learnt = _learnt([*itertools.chain(*seen.values(), *unseen.values())], settings, workers)
+    learners, learners_of_folds = _seen_learners(objects, settings), unseen_learners(objects, settings, folds)
+    last_rollouts = _submit_rollouts(
+        [*itertools.chain(*learners.values(), *learners_of_folds.values())], settings, workers
+    )
     tests = {
         "first grasp": grasps.tests(workers, lift_act, grasps.test_seeds),
         "random": grasps.tests(workers, random_act, grasps.test_seeds),
         "hardest, centred": grasps.tests(workers, lift_act, grasps.test_seeds, hardest=True),
     }
-    others = [Grasps(objects, settings, fold) for fold in folds]
-    move, *moves_of_others = _fixed_moves([grasps, *others], workers)
+    grasps_of_folds = [Grasps(objects, settings, fold) for fold in folds]
+    move, *moves_of_folds = _fixed_moves([grasps, *grasps_of_folds], workers)
     tests[FIXED] = grasps.tests(workers, partial(fixed_act, move), grasps.test_seeds)
-    tests |= _tests_by_touch(seen, learnt, workers)
-    held = _held(tests, grasps.ids, workers)
+    tests |= _tests_by_touch(learners, last_rollouts, workers)
+    rates = _rates(tests, grasps.ids, workers)
     figures = {
         "spread_mm": 1e3 * settings.regrasping.spread_m,
         "fixed_move": list(move),
-        "held": held,
+        "held": rates,
     }
     if not folds:
         return figures
-    fixed = (
+    fixed_tests = (
         grasps.tests(workers, partial(fixed_act, own), grasps.test_seeds_of(fold))
-        for fold, own in zip(folds, moves_of_others, strict=True)
+        for fold, own in zip(folds, moves_of_folds, strict=True)
     )
-    tests = {FIXED: [*itertools.chain(*fixed)], **_tests_by_touch(unseen, learnt, workers)}
-    held_unseen = _held(tests, grasps.ids, workers)
-    stated = {"folds": folds, "fixed_moves": [list(own) for own in moves_of_others], "held": held_unseen}
-    return figures | {"unseen": stated | _differences(held, held_unseen, settings.regrasping.seeds[0])}
+    tests = {
+        FIXED: [*itertools.chain(*fixed_tests)],
+        **_tests_by_touch(learners_of_folds, last_rollouts, workers),
+    }
+    rates_unseen = _rates(tests, grasps.ids, workers)
+    unseen_figures = {
+        "folds": folds,
+        "fixed_moves": [list(own) for own in moves_of_folds],
+        "held": rates_unseen,
+    }
+    return figures | {
+        "unseen": unseen_figures | _differences(rates, rates_unseen, settings.regrasping.seeds[0])
+    }
 
 
 def unseen_objects(objects: Objects, settings: Settings, names: Collection[str]) -> list[list[str]]:
@@ -105,10 +116,10 @@ def unseen_objects(objects: Objects, settings: Settings, names: Collection[str])
 
 def unseen_learners(objects: Objects, settings: Settings, folds: list[list[str]]) -> dict[str, list[Learner]]:
     """Return policies of the first seed, one a fold, that learn without what they are tested on."""
-    shown = {TOUCH: settings.regrasping.observation, " + ".join(WITHOUT_IMAGES): WITHOUT_IMAGES}
-    learners: dict[str, list[Learner]] = {name: [] for name in shown if folds}
+    observations = {TOUCH: settings.regrasping.observation, " + ".join(WITHOUT_IMAGES): WITHOUT_IMAGES}
+    learners: dict[str, list[Learner]] = {name: [] for name in observations if folds}
     for name, row in learners.items():
-        own = showing(settings, shown[name])
+        own = showing(settings, observations[name])
         everything = Grasps(objects, own)
         for fold in folds:
             training, test_seeds = Grasps(objects, own, fold), everything.test_seeds_of(fold)
@@ -119,10 +130,10 @@ def unseen_learners(objects: Objects, settings: Settings, folds: list[list[str]]
 def _seen_learners(objects: Objects, settings: Settings) -> dict[str, list[Learner]]:
     """Return policies of all seeds, and of the first one with other observations, that know all objects."""
     seeds, ablation = settings.regrasping.seeds, settings.regrasping.ablation
-    shown = {_seeded(TOUCH, seed): (settings.regrasping.observation, seed) for seed in seeds}
-    shown |= {_seeded(" + ".join(parts), seeds[0]): (parts, seeds[0]) for parts in ablation}
+    observations = {_seeded(TOUCH, seed): (settings.regrasping.observation, seed) for seed in seeds}
+    observations |= {_seeded(" + ".join(parts), seeds[0]): (parts, seeds[0]) for parts in ablation}
     learners = {}
-    for name, (parts, seed) in shown.items():
+    for name, (parts, seed) in observations.items():
         grasps = Grasps(objects, showing(settings, parts))
         learners[name] = [Learner(grasps, grasps, seed, grasps.test_seeds)]
     return learners
@@ -132,7 +143,7 @@ def _seeded(name: str, seed: int) -> str:
     return f"{name}, seed {seed}"
 
 
-def _learnt(learners: list[Learner], settings: Settings, workers: Workers) -> dict[Learner, Any]:
+def _submit_rollouts(learners: list[Learner], settings: Settings, workers: Workers) -> dict[Learner, Any]:
     """Submit the rollouts of all policies in turn, so that all are learnt at a time."""
     last: dict[Learner, Any] = dict.fromkeys(learners)
     for number in range(settings.regrasping.rollouts):
@@ -142,50 +153,52 @@ def _learnt(learners: list[Learner], settings: Settings, workers: Workers) -> di
 
 
 def _tests_by_touch(
-    learners: dict[str, list[Learner]], learnt: dict[Learner, Any], workers: Workers
+    learners: dict[str, list[Learner]], last_rollouts: dict[Learner, Any], workers: Workers
 ) -> dict[str, list[Any]]:
     tests: dict[str, list[Any]] = {name: [] for name in learners}
     for name, row in learners.items():
         for learner in row:
             act = partial(touch_act, learner.training.path(learner.seed))
-            tests[name] += learner.test.tests(workers, act, learner.test_seeds, after=learnt[learner])
+            tests[name] += learner.test.tests(workers, act, learner.test_seeds, after=last_rollouts[learner])
     return tests
 
 
 def _fixed_moves(trainings: list[Grasps], workers: Workers) -> list[Move]:
     """Return the fixed move that holds most of the objects of each training."""
     tries = [[workers.submit(grasps.tried, move) for move in FIXED_MOVES] for grasps in trainings]
-    held = [[played["held"].sum() for played in workers.gather(row)] for row in tries]
-    return [FIXED_MOVES[int(np.argmax(row))] for row in held]
+    successes = [[played["held"].sum() for played in workers.gather(row)] for row in tries]
+    return [FIXED_MOVES[int(np.argmax(row))] for row in successes]
 
 
-def _held(tests: dict[str, list[Any]], ids: list[str], workers: Workers) -> dict[str, Figures]:
+def _rates(tests: dict[str, list[Any]], ids: list[str], workers: Workers) -> dict[str, Figures]:
     return {name: _figures(joined(workers.gather(batches)), ids) for name, batches in tests.items()}
 
 
 def _figures(played: Played, ids: list[str]) -> Figures:
     """Return percents held with their binomial interval of 95 % (Wilson), by object too."""
-    held, objects = played["held"], played["object"]
-    interval = binomtest(int(held.sum()), len(held)).proportion_ci(method="wilson")
+    successes, objects = played["held"], played["object"]
+    interval = binomtest(int(successes.sum()), len(successes)).proportion_ci(method="wilson")
     return {
-        "percent": 100 * float(held.mean()),
+        "percent": 100 * float(successes.mean()),
         "interval_percent": [100 * float(interval.low), 100 * float(interval.high)],
         "regrasps": float(played["regrasps"].mean()),
         "unseen_gels": int(played["unseen"].sum()),
         "by_object_percent": {
-            ids[label]: 100 * float(held[objects == label].mean()) for label in np.unique(objects)
+            ids[label]: 100 * float(successes[objects == label].mean()) for label in np.unique(objects)
         },
     }
 
 
-def _differences(held: dict[str, Figures], held_unseen: dict[str, Figures], seed: int) -> Figures:
+def _differences(rates: dict[str, Figures], rates_unseen: dict[str, Figures], seed: int) -> Figures:
     """Return the points lost by not knowing an object, and those that touch is ahead of others then."""
-    seen = {name: held.get(FIXED if name == FIXED else _seeded(name, seed)) for name in held_unseen}
-    others = {name: held[name] for name in ("first grasp", "random")} | held_unseen
+    rates_known = {name: rates.get(FIXED if name == FIXED else _seeded(name, seed)) for name in rates_unseen}
+    rates_beside = {name: rates[name] for name in ("first grasp", "random")} | rates_unseen
     return {
-        "lost": {name: _ahead(row, held_unseen[name]) for name, row in seen.items() if row is not None},
+        "lost": {
+            name: _ahead(row, rates_unseen[name]) for name, row in rates_known.items() if row is not None
+        },
         "touch_ahead": {
-            name: _ahead(held_unseen[TOUCH], row) for name, row in others.items() if name != TOUCH
+            name: _ahead(rates_unseen[TOUCH], row) for name, row in rates_beside.items() if name != TOUCH
         },
     }
 

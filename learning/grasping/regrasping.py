@@ -158,15 +158,15 @@ class Regrasping(gymnasium.Env[Floats, Floats]):
             "force": lambda: felt.force_n / FORCE_N,
             "shear": lambda: np.hstack([_averaged(way) for way in felt.sheared[1].displacement_m]) / SHEAR_M,
         }
-        shown, solved = [], True
+        parts, solved = [], True
         for part in self._shown:
             try:
-                shown.append(features[part]())
+                parts.append(features[part]())
             except QueryError:
                 solved = False
-                shown.append(np.zeros(GEL_SIZES[part]))
+                parts.append(np.zeros(GEL_SIZES[part]))
         self._unseen += not solved
-        return np.hstack(shown).astype(np.float32)
+        return np.hstack(parts).astype(np.float32)
 
 
 def _averaged(field_m: NDArray[np.float64]) -> NDArray[np.float64]:
