@@ -23,12 +23,22 @@ METHODS = {"end_to_end": "networks trained for retrieval alone",
 CASES = {"seen": "seen objects", "at_vertices": "seen objects, touched at vertices",
          "unseen": "unseen objects", "end_to_end": "unseen objects of the first folds"}  # fmt: skip
 PRETRAINED = {"pretrained": "a network of ImageNet", "with_own": "that and our own",
-              "with_own_and_neighbours": "both with nearest neighbours"}  # fmt: skip
+              "with_own_and_neighbours": "both with nearest neighbours",
+              "with_own_and_touch": "both and a touch (VT)"}  # fmt: skip
 TRUTH, FILE = "truth to truth", "object_file to truth"
+TOUCH_PLACES = {"vertex": "any vertex", "vertex region": "vertices of regions where none is trained on"}
 LIKENESSES = {"iou": "IoU", "chamfer": "Chamfer-L1", "normal_consistency": "normal consistency"}
 GRASP_SENSES = {"V": "image", "T": "both gels", "VT": "both senses, one network",
                 "majority": "the commoner outcome", "majority of the object": "that of the object",
                 "trees on force and pose": "boosted trees that know force and pose"}  # fmt: skip
+SAMPLES = (
+    "{data[training][vision]} images, {data[training][audio]} strikes and {data[training][touch]} touches"
+)
+AMOUNTS = {"grasping": "{grasping[grasps]} grasps of each",
+           "regrasping": "{regrasping[rollouts]} rollouts",
+           "stand_in": f"at most {SAMPLES} of those that each stores for training",
+           "reconstruction": f"{{reconstruction[steps]:,}} steps, {SAMPLES} of each for training",
+           "touch": "up to {touch_at_vertices[training]:,} touches of each for training"}  # fmt: skip
 HELD = ("objects held, %", "regrasps")
 Figures = dict[str, Any]
 
@@ -51,14 +61,7 @@ def _setting(task: str, made_with: Figures, path: Path) -> str:
     settings, count = made_with["settings"], len(made_with["objects"])
     task_settings = settings.get(task, {})
     seeds = task_settings.get("seeds", settings["seeds"])
-    training = settings["data"]["training"]
-    samples = f"{training['vision']} images, {training['audio']} strikes and {training['touch']} touches"
-    amount = {
-        "grasping": f"{settings['grasping']['grasps']} grasps of each",
-        "regrasping": f"{settings['regrasping']['rollouts']} rollouts",
-        "stand_in": f"at most {samples} of those that each stores for training",
-        "reconstruction": f"{settings['reconstruction']['steps']:,} steps, {samples} of each for training",
-    }.get(task, f"{samples} of each for training")
+    amount = AMOUNTS.get(task, f"{SAMPLES} of each for training").format(**settings)
     return f"{count} objects, {amount}, seeds {', '.join(map(str, seeds))}. {_recorded(path)}"
 
 
@@ -165,6 +168,35 @@ def _vertices(row: Figures) -> str:
         gained = _interval(finer["points_gained"], finer["interval_points"], "+.1f")
         text += f" Images of {finer['pixels']} pixels gain {gained} points there, of the first seed's tests."
     return text
+
+
+def touch(figures: Figures) -> str:
+    """Return accuracies of one touch and of several at vertices, of networks and with their neighbours."""
+    rows = []
+    for protocol, place in TOUCH_PLACES.items():
+        ways = {
+            "the network": figures[protocol],
+            "with its nearest neighbours": figures[protocol]["with_neighbours"],
+        }
+        for way, row in ways.items():
+            spread = row["T"]["sd_percent"]
+            rows.append([
+                f"{place}, {way}",
+                _accuracy(row["T"]),
+                *(_accuracy(row["several"][count]) for count in ("3", "5")),
+                _worst(row),
+                "" if spread is None else f"{spread:.1f}",
+            ])  # fmt: skip
+    heading = [
+        f"percent, chance {figures['chance_percent']:.1f}, test touches at", "one touch", "three", "five",
+        "one touch of the worst object", "standard deviation over seeds",
+    ]  # fmt: skip
+    touches = ", ".join(
+        f"{least:,} to {most:,} at {TOUCH_PLACES[protocol]}"
+        for protocol in TOUCH_PLACES
+        for least, most in [figures[protocol]["training_touches"]]
+    )
+    return f"{_rows(heading, rows)}\n\nTraining touches of an object: {touches}."
 
 
 def retrieval(figures: Figures) -> str:
@@ -306,6 +338,7 @@ def _points(row: Figures | None) -> str:
 
 TABLES: dict[str, Callable[[Figures], str]] = {
     "recognition": recognition,
+    "touch": touch,
     "retrieval": retrieval,
     "reconstruction": reconstruction,
     "stand_in": stand_in,

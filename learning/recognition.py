@@ -1,6 +1,7 @@
 """Which object is it? From one image, one strike, one touch, and any two or three of them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -145,14 +146,15 @@ def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
     return test.log_probabilities.argmax(axis=1) == test.labels
 
 
-def summed(encoders: Sequence[Encoder]) -> NDArray[np.bool_]:
-    """Return which test samples several networks of the same samples together name rightly, as `fused`."""
-    test = encoders[0].splits["test"]
-    scaled_logs = [
-        inverse_temperature(encoder.splits["validation"]) * encoder.splits["test"].log_probabilities
-        for encoder in encoders
-    ]
-    return np.asarray(np.argmax(sum(scaled_logs), axis=1) == test.labels)
+def ensemble(encoders: Sequence[Encoder]) -> Encoder:
+    """Return what several networks of the same samples say together: the sum of `fused`, sample by sample."""
+    weights = [inverse_temperature(encoder.splits["validation"]) for encoder in encoders]
+    splits = {}
+    for split, part in encoders[0].splits.items():
+        parts = [encoder.splits[split].log_probabilities for encoder in encoders]
+        logs = log_softmax(np.tensordot(weights, parts, axes=1), axis=1)
+        splits[split] = replace(part, log_probabilities=logs.astype(np.float32))
+    return replace(encoders[0], splits=splits)
 
 
 def _shares(
@@ -180,7 +182,7 @@ def _by_object(hits: NDArray[np.bool_], encoder: Encoder) -> NDArray[np.float64]
 def _with_pretrained(
     objects: Objects, settings: Settings, workers: Workers, protocol: str
 ) -> dict[str, dict[str, Any]]:
-    """Return accuracies of images by the pretrained network alone, and by it and the sense's own together."""
+    """Return accuracies of images by the pretrained network, and by it with our own and with touch."""
     rows = [workers.submit(_pretrained_shares, objects, settings, protocol, seed) for seed in settings.seeds]
     shares = workers.gather(rows)
     return {way: accuracies([row[way] for row in shares]) for way in shares[0]}
@@ -191,11 +193,14 @@ def _pretrained_shares(
 ) -> dict[str, NDArray[np.float64]]:
     own = encoded(objects, settings, "vision", protocol, seed)
     head = encoded(objects, settings, "vision", protocol, seed, pretrained=True)
-    both = [with_neighbours(encoder) for encoder in (own, head)]
+    touch = encoded(objects, settings, "touch", protocol, seed)
+    both = ensemble([own, head])
+    with_nearest = ensemble([with_neighbours(encoder) for encoder in (own, head)])
     return {
         "pretrained": _by_object(named_rightly(head), head),
-        "with_own": _by_object(summed([own, head]), head),
-        "with_own_and_neighbours": _by_object(summed(both), head),
+        "with_own": _by_object(named_rightly(both), head),
+        "with_own_and_neighbours": _by_object(named_rightly(with_nearest), head),
+        "with_own_and_touch": _by_object(fused([both, touch], seed), head),
     }
 
 

@@ -10,7 +10,14 @@ from scipy.special import log_softmax
 from learning.common_space import SPACES, contrasted
 from learning.encoders import Encoded, Encoder
 from learning.networks import Labelled
-from learning.recognition import aligned, fused, inverse_temperature, of_several
+from learning.recognition import (
+    aligned,
+    ensemble,
+    fused,
+    inverse_temperature,
+    named_rightly,
+    of_several,
+)
 from learning.retrieval import (
     canonical_correlations,
     partial_least_squares,
@@ -134,6 +141,22 @@ def test_a_sense_that_is_too_sure_does_not_outvote_another():
     said = [encoder.splits["test"] for encoder in (quiet, loud)]
     plain = said[0].log_probabilities + 4 * said[1].log_probabilities
     assert right > (plain.argmax(axis=1) == said[0].labels).mean() + 0.03
+
+
+def test_networks_of_the_same_samples_together_are_better_than_each_and_one_that_knows_nothing_adds_nothing():
+    networks = [made(6, 1.2, seed, seed) for seed in (1, 2)]
+    together = ensemble(networks).splits["test"]
+    assert np.exp(together.log_probabilities).sum(axis=1) == pytest.approx(1, abs=1e-5)
+    alone = [named_rightly(network) for network in networks]
+    assert named_rightly(ensemble(networks)).mean() > max(right.mean() for right in alone) + 0.03
+    blank = Encoder(
+        {
+            name: replace(part, log_probabilities=np.full_like(part.log_probabilities, -np.log(6)))
+            for name, part in networks[1].splits.items()
+        },
+        0.1,
+    )
+    assert np.array_equal(named_rightly(ensemble([networks[0], blank])), alone[0])
 
 
 def test_a_detector_that_sees_no_difference_is_right_half_of_the_time():

@@ -128,7 +128,8 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
         <= accuracies["sample"]["T"]["accuracy_percent"]
     )
     for ways in accuracies["pretrained"].values():
-        assert set(ways) == {"pretrained", "with_own", "with_own_and_neighbours"}
+        joined = {"with_own", "with_own_and_neighbours", "with_own_and_touch"}
+        assert set(ways) == {"pretrained", *joined}
         for figures in ways.values():
             low, high = figures["interval_percent"]
             assert low <= 25 <= high
