@@ -33,6 +33,9 @@ SHOWN = 12  # objects of a trial whose predicted mesh is kept, for the page
 RIDGE = 1e-2
 
 
+Pair = tuple[int, int]  # positions of an object whose mesh is an answer, and of the object that was asked for
+
+
 class Measures:
     """Likeness of meshes to the objects' own, each pair of objects compared once."""
 
@@ -40,7 +43,7 @@ class Measures:
         self.shapes, self._parameters = shapes, parameters
         self._columns = Columns(volume_points(seed=1))
         self._volumes = {label: self._columns.inside(mesh) for label, mesh in shapes.meshes.items()}
-        self._pairs: dict[tuple[int, int], Likeness] = {}
+        self._pairs: dict[Pair, Likeness] = {}
 
     def of(self, mesh: trimesh.Trimesh | None, label: int) -> Likeness:
         """Compare a mesh with that of an object."""
@@ -54,6 +57,15 @@ class Measures:
             iou = overlap(self._volumes[answer], self._volumes[label])
             self._pairs[answer, label] = likeness(first, second, iou, self._parameters.surface_points, seed=0)
         return self._pairs[answer, label]
+
+    def learn(self, pairs: Sequence[Pair], objects: Objects, settings: Settings, workers: Workers) -> None:
+        """Let workers compare pairs of objects, so that `of_object` knows them."""
+        units = [workers.submit(_likeness_of_objects, objects, settings, *pair) for pair in pairs]
+        self._pairs |= zip(pairs, workers.gather(units), strict=True)
+
+    def mean(self, pairs: Sequence[Pair]) -> dict[str, float]:
+        """Return the mean likeness of pairs of objects, by `Likeness`."""
+        return _mean([self.of_object(*pair) for pair in pairs])
 
     def nearest(self, candidates: Sequence[int], label: int) -> int:
         """Return which of the known objects has the largest IoU with an object."""
@@ -150,15 +162,13 @@ class Trial:
         """Return the likeness of each prediction, an object's predictions one after another."""
         return [Likeness(*row) for row in self.predictions["likeness"].tolist()]
 
-    def looked_up(self) -> list[Likeness]:
-        """Return what looking up the mesh of the object that the senses name reaches."""
-        pairs = [(answer, label) for label in self.tested for answer in self._answers(label)]
-        return [self.measures.of_object(*pair) for pair in pairs]
+    def looked_up(self) -> list[Pair]:
+        """Return the object that the senses name for each prediction, as `likenesses`."""
+        return [(answer, label) for label in self.tested for answer in self._answers(label)]
 
-    def nearest_known(self) -> list[Likeness]:
-        """Return the likeness of the known shape that is nearest to each object."""
-        measures = self.measures
-        return [measures.of_object(measures.nearest(self.known, label), label) for label in self.tested]
+    def nearest_known(self) -> list[Pair]:
+        """Return the known object whose shape is nearest to each of those tested."""
+        return [(self.measures.nearest(self.known, label), label) for label in self.tested]
 
     def size_error(self) -> float:
         """Return the mean error of the size that the senses say, as a share of the size."""
@@ -180,12 +190,14 @@ def figures(trials_of_seeds: Sequence[Trial]) -> dict[str, Any]:
     ious = np.array([[likeness.iou for likeness in trial.likenesses()] for trial in trials_of_seeds])
     tested = trials_of_seeds[0].tested
     by_object = ious.reshape(len(ious), len(tested), -1).mean(axis=(0, 2))
+    measures = trials_of_seeds[0].measures
+    look_up = [pair for trial in trials_of_seeds for pair in trial.looked_up()]
     return {
         "ours": _mean([likeness for trial in trials_of_seeds for likeness in trial.likenesses()]),
         "iou_interval": list(interval_over_objects(by_object)) if len(tested) > 1 else None,
         "iou_sd": float(ious.mean(axis=1).std(ddof=1)) if len(ious) > 1 else None,
-        "look_up": _mean([likeness for trial in trials_of_seeds for likeness in trial.looked_up()]),
-        "nearest_known": _mean(trials_of_seeds[0].nearest_known()),
+        "look_up": measures.mean(look_up),
+        "nearest_known": measures.mean(trials_of_seeds[0].nearest_known()),
         "size_error_share": float(np.mean([trial.size_error() for trial in trials_of_seeds])),
         "objects": len(tested),
     }
@@ -241,6 +253,20 @@ def _predict_trial(objects: Objects, settings: Settings, number: int) -> None:
     _ = _tried(objects, settings)[number].predictions
 
 
+def _likeness_of_objects(objects: Objects, settings: Settings, answer: int, label: int) -> Likeness:
+    return _tried(objects, settings)[0].measures.of_object(answer, label)
+
+
+def _others(labels: Sequence[int], seed: int) -> list[Pair]:
+    """Return for each object `OTHERS` other ones, drawn by a seed."""
+    random = np.random.default_rng(seed)
+    return [
+        (int(answer), label)
+        for label in labels
+        for answer in random.permutation([other for other in labels if other != label])[:OTHERS]
+    ]
+
+
 def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str, Any]:
     """Return likenesses by senses and by what they are compared with, of seen and of unseen objects."""
     tried = _tried(objects, settings)
@@ -251,17 +277,13 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
         [workers.submit(_predict_trial, objects, settings, number) for number in range(len(tried))]
     )
     measures, closed = tried[0].measures, tried[0].known
-    random = np.random.default_rng(settings.seeds[0])
-    pairs = [
-        (int(answer), label)
-        for label in closed
-        for candidates in [[candidate for candidate in closed if candidate != label]]
-        for answer in random.permutation(candidates)[:OTHERS]
-    ]
+    floor, others = [(label, label) for label in closed], _others(closed, settings.seeds[0])
+    compared = [pair for trial in tried for pair in (*trial.looked_up(), *trial.nearest_known())]
+    measures.learn(sorted({*floor, *others, *compared}), objects, settings, workers)
     result: dict[str, Any] = {
         "left_out_open": [name for label, name in enumerate(objects.ids) if label not in closed],
-        "floor": _mean([measures.of_object(label, label) for label in closed]),
-        "average_of_others": _mean([measures.of_object(*pair) for pair in pairs]),
+        "floor": measures.mean(floor),
+        "average_of_others": measures.mean(others),
         "seen": {},
         "unseen": {},
     }
