@@ -147,7 +147,10 @@ def named_rightly(encoder: Encoder) -> NDArray[np.bool_]:
 
 
 def ensemble(encoders: Sequence[Encoder]) -> Encoder:
-    """Return what several networks of the same samples say together: the sum of `fused`, sample by sample."""
+    """Return one encoder of what several networks say of the same samples.
+
+    Its log probabilities are the normalised sum of theirs, each times its `inverse_temperature`.
+    """
     weights = [inverse_temperature(encoder.splits["validation"]) for encoder in encoders]
     splits = {}
     for split, part in encoders[0].splits.items():

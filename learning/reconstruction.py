@@ -7,7 +7,7 @@ Naming the object and returning its mesh is the first thing to compare with: on 
 training it needs no idea of shape.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -31,8 +31,6 @@ VARIANTS = (("vision",), ("audio",), ("vision", "audio"))
 OTHERS = 2  # meshes of other objects that the average takes for each
 SHOWN = 12  # objects of a trial whose predicted mesh is kept, for the page
 RIDGE = 1e-2
-
-
 Pair = tuple[int, int]  # positions of an object whose mesh is an answer, and of the object that was asked for
 
 
@@ -58,10 +56,9 @@ class Measures:
             self._pairs[answer, label] = likeness(first, second, iou, self._parameters.surface_points, seed=0)
         return self._pairs[answer, label]
 
-    def learn(self, pairs: Sequence[Pair], objects: Objects, settings: Settings, workers: Workers) -> None:
-        """Let workers compare pairs of objects, so that `of_object` knows them."""
-        units = [workers.submit(_likeness_of_objects, objects, settings, *pair) for pair in pairs]
-        self._pairs |= zip(pairs, workers.gather(units), strict=True)
+    def keep(self, likenesses: Mapping[Pair, Likeness]) -> None:
+        """Take what was found of pairs of objects elsewhere, so that `of_object` knows it."""
+        self._pairs |= likenesses
 
     def mean(self, pairs: Sequence[Pair]) -> dict[str, float]:
         """Return the mean likeness of pairs of objects, by `Likeness`."""
@@ -162,11 +159,11 @@ class Trial:
         """Return the likeness of each prediction, an object's predictions one after another."""
         return [Likeness(*row) for row in self.predictions["likeness"].tolist()]
 
-    def looked_up(self) -> list[Pair]:
+    def lookup_pairs(self) -> list[Pair]:
         """Return the object that the senses name for each prediction, as `likenesses`."""
         return [(answer, label) for label in self.tested for answer in self._answers(label)]
 
-    def nearest_known(self) -> list[Pair]:
+    def nearest_pairs(self) -> list[Pair]:
         """Return the known object whose shape is nearest to each of those tested."""
         return [(self.measures.nearest(self.known, label), label) for label in self.tested]
 
@@ -191,13 +188,13 @@ def figures(trials_of_seeds: Sequence[Trial]) -> dict[str, Any]:
     tested = trials_of_seeds[0].tested
     by_object = ious.reshape(len(ious), len(tested), -1).mean(axis=(0, 2))
     measures = trials_of_seeds[0].measures
-    look_up = [pair for trial in trials_of_seeds for pair in trial.looked_up()]
+    look_up = [pair for trial in trials_of_seeds for pair in trial.lookup_pairs()]
     return {
         "ours": _mean([likeness for trial in trials_of_seeds for likeness in trial.likenesses()]),
         "iou_interval": list(interval_over_objects(by_object)) if len(tested) > 1 else None,
         "iou_sd": float(ious.mean(axis=1).std(ddof=1)) if len(ious) > 1 else None,
         "look_up": measures.mean(look_up),
-        "nearest_known": measures.mean(trials_of_seeds[0].nearest_known()),
+        "nearest_known": measures.mean(trials_of_seeds[0].nearest_pairs()),
         "size_error_share": float(np.mean([trial.size_error() for trial in trials_of_seeds])),
         "objects": len(tested),
     }
@@ -278,8 +275,11 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     )
     measures, closed = tried[0].measures, tried[0].known
     floor, others = [(label, label) for label in closed], _others(closed, settings.seeds[0])
-    compared = [pair for trial in tried for pair in (*trial.looked_up(), *trial.nearest_known())]
-    measures.learn(sorted({*floor, *others, *compared}), objects, settings, workers)
+    answers = [pair for trial in tried for pair in (*trial.lookup_pairs(), *trial.nearest_pairs())]
+    pairs = sorted({*floor, *others, *answers})
+    # Unlike shapes take seconds a pair: half of the points of one may be as far from all of the other.
+    units = [workers.submit(_likeness_of_objects, objects, settings, *pair) for pair in pairs]
+    measures.keep(dict(zip(pairs, workers.gather(units), strict=True)))
     result: dict[str, Any] = {
         "left_out_open": [name for label, name in enumerate(objects.ids) if label not in closed],
         "floor": measures.mean(floor),

@@ -34,6 +34,7 @@ def stages(run: Run, work: Callable[[], Any]) -> dict[str, float]:
     }
     plain = {name: getattr(*part) for name, part in parts.items()}
     work()
+    # Types do not allow a method to be replaced; it is put back below.
     Body.__call__ = lambda body, *arguments: timed(body.name, call, body, *arguments)  # type: ignore[method-assign]
     for name, part in parts.items():
         setattr(*part, lambda *arguments, name=name: timed(name, plain[name], *arguments))

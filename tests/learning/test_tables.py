@@ -27,7 +27,10 @@ def learning_tables():
 def test_the_page_has_a_table_of_every_task(learning_tables):
     page = (REPOSITORY / "docs" / "learning_results.md").read_text(encoding="utf-8")
     marks = learning_tables.MARK.findall(page)
-    assert {task for folder, task in marks} == set(learning_tables.TABLES)
+    assert sorted(task for folder, task in marks if not folder) == sorted(
+        {*learning_tables.TABLES} - {"touch"}
+    )
+    assert ("hundred/", "touch") in marks, "the meshes of the hundred alone are touched so"
     for folder, task in marks:
         text = learning_tables.table(task, RESULTS / folder)
         lines = [line for line in text.splitlines() if line.startswith("|")]
