@@ -197,10 +197,13 @@ def _empty(control_group):
 
 @pytest.fixture
 def control_group():
-    """A control group of 1 GB for a process, where this user may make one."""
-    for base, limit in (
-        (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes"),
-        (Path("/sys/fs/cgroup"), "memory.max"),
+    """A control group of 1 GB for a process, where this user may make one.
+
+    It keeps out of swap, where the host has some: what is swapped out is not killed.
+    """
+    for base, limit, swap in (
+        (Path("/sys/fs/cgroup/memory"), "memory.limit_in_bytes", "memory.swappiness"),
+        (Path("/sys/fs/cgroup"), "memory.max", "memory.swap.max"),
     ):
         folder = base / f"objectfolder-test-{os.getpid()}"
         if not (base / "cgroup.procs").exists():
@@ -211,6 +214,8 @@ def control_group():
             continue
         try:
             (folder / limit).write_text(str(10**9))
+            if (folder / swap).exists():  # not where the kernel has no swap
+                (folder / swap).write_text("0")
         except OSError:
             folder.rmdir()
             continue
