@@ -18,17 +18,11 @@ from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
 from learning.enclosure import Columns
+from learning.isosurface import grid_points, surface_of
 from learning.networks import DEVICE
 from learning.runs import Objects, kept
 from learning.settings import Reconstruction
-from learning.shapes import (
-    HALF_SIDE,
-    grid_points,
-    near_surface,
-    surface_of,
-    unit_mesh,
-    volume_points,
-)
+from learning.shapes import HALF_SIDE, near_surface, unit_mesh, volume_points
 
 SIDES, CHANNELS = (16, 32, 64), (8, 16, 32)  # of the feature grids: corners a side, numbers at each
 CONDITION = 128

@@ -19,12 +19,13 @@ import trimesh
 from learning.enclosure import Columns
 from learning.encoders import Encoded, Encoder, encoded, train
 from learning.folds import folds_of
+from learning.likeness import Likeness, likeness
 from learning.metrics import interval_over_objects
 from learning.occupancy import Shapes, fit, predicted, shapes_of
 from learning.recognition import aligned, name_of
 from learning.runs import Objects, kept
 from learning.settings import Reconstruction, Settings
-from learning.shapes import Likeness, likeness, overlap, volume_points
+from learning.shapes import overlap, volume_points
 from learning.workers import Workers
 
 VARIANTS = (("vision",), ("audio",), ("vision", "audio"))

@@ -5,18 +5,10 @@ import pytest
 import torch
 import trimesh
 
+from learning.isosurface import grid_points, surface_of
+from learning.likeness import Likeness, likeness
 from learning.occupancy import predicted
-from learning.shapes import (
-    HALF_SIDE,
-    Likeness,
-    grid_points,
-    inside,
-    likeness,
-    near_surface,
-    overlap,
-    surface_of,
-    volume_points,
-)
+from learning.shapes import HALF_SIDE, inside, near_surface, overlap, volume_points
 
 
 def sphere(radius: float, centre: tuple[float, float, float] = (0, 0, 0)) -> trimesh.Trimesh:
