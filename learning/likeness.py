@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+from sklearn.neighbors import BallTree
 
 Floats = NDArray[np.float64]
 EMPTY_DISTANCE = np.sqrt(3.0)  # of a prediction without a surface
@@ -49,11 +49,18 @@ def likeness(
         for side, mesh in enumerate((predicted, true))
     )
     normals = predicted.face_normals[faces_here], true.face_normals[faces_there]
-    to_true, nearest_true = KDTree(true_points).query(predicted_points)
-    to_predicted, nearest_predicted = KDTree(predicted_points).query(true_points)
+    to_true, nearest_true = _nearest(predicted_points, true_points)
+    to_predicted, nearest_predicted = _nearest(true_points, predicted_points)
     same = (
         np.abs((normals[0] * normals[1][nearest_true]).sum(axis=1)).mean(),
         np.abs((normals[1] * normals[0][nearest_predicted]).sum(axis=1)).mean(),
     )
     chamfer = (np.mean(to_true) + np.mean(to_predicted)) / 2
     return Likeness(iou, float(chamfer), float(np.mean(same)))
+
+
+def _nearest(points: Floats, others: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    """Return how far the nearest of others is from each of the points (n,), and which it is."""
+    # Of unlike shapes a tree of half-spaces takes 10 times as long: it bounds a surface less closely.
+    distances, rows = BallTree(others, leaf_size=10).query(points)
+    return distances[:, 0], rows[:, 0]
