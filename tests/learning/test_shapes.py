@@ -48,8 +48,8 @@ def test_nothing_predicted_is_the_worst_answer():
 
 
 def test_the_surface_of_a_grid_bounds_its_volume():
-    logits = 10 * (0.35 - np.linalg.norm(grid_points(32), axis=1))
-    mesh = surface_of(logits.astype(np.float32), 32)
+    logits = 10 * (0.35 - np.linalg.norm(grid_points(64), axis=1))
+    mesh = surface_of(logits.astype(np.float32), 64)
     assert mesh is not None
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.35**3, rel=0.02)
@@ -57,6 +57,17 @@ def test_the_surface_of_a_grid_bounds_its_volume():
     full = surface_of(np.full(33**3, 1, np.float32), 32)
     assert full is not None
     assert full.volume == pytest.approx((2 * HALF_SIDE) ** 3, rel=0.15)
+
+
+def test_the_surface_of_a_step_has_no_stairs():
+    distances = np.linalg.norm(grid_points(64), axis=1)
+    mesh = surface_of(np.where(distances < 0.35, 6, -6).astype(np.float32), 64)
+    assert mesh is not None
+    radii = np.linalg.norm(mesh.vertices, axis=1)
+    cell = 2 * HALF_SIDE / 64
+    assert np.abs(radii - 0.35).max() < cell / 2
+    cosines = (mesh.face_normals * mesh.triangles_center).sum(axis=1) / radii[mesh.faces].mean(axis=1)
+    assert cosines.mean() > 0.99  # .92 without smoothing
 
 
 class Bowl(torch.nn.Module):
