@@ -160,6 +160,11 @@ def test_tasks_of_four_twins_end_in_a_page(tiny, tmp_path, monkeypatch):
     assert re.search(r"chance\s25\.0\.", text)
     assert text.count("audio controls") >= 3
     assert not re.search(r'(?:src|href)="(?!data:|index\.html)', text), "the page stands alone"
+    assert "Images of 20 pixels gain" in text
+    del accuracies["vertex"]["finer"]  # as with `finer_resolution: null`
+    (tmp_path / "recognition.json").write_text(json.dumps(accuracies), encoding="utf-8")
+    write_page(objects, tiny, tmp_path, tmp_path / "reports" / "learning.html")
+    assert "pixels gain" not in (tmp_path / "reports" / "learning.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
