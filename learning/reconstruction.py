@@ -278,7 +278,7 @@ def evaluate(objects: Objects, settings: Settings, workers: Workers) -> dict[str
     floor, others = [(label, label) for label in closed], _others(closed, settings.seeds[0])
     answers = [pair for trial in tried for pair in (*trial.lookup_pairs(), *trial.nearest_pairs())]
     pairs = sorted({*floor, *others, *answers})
-    # Unlike shapes take seconds a pair: half of the points of one may be as far from all of the other.
+    # Unlike shapes take over a CPU-second a pair, and a hundred objects have hundreds of pairs.
     units = [workers.submit(_likeness_of_objects, objects, settings, *pair) for pair in pairs]
     measures.keep(dict(zip(pairs, workers.gather(units), strict=True)))
     result: dict[str, Any] = {

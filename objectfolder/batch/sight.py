@@ -125,6 +125,7 @@ class SightBatch:
         self, objects: object, camera_to_object: object, lights: object, resolution: int | tuple[int, int],
         field_of_view_deg: float, effort: tuple[int, int, float], *, linear: bool,
     ) -> Tensor:  # fmt: skip
+        # Arrays of any library are taken: their common type, `object`, has no length.
         count = len(camera_to_object)  # type: ignore[arg-type]
         chosen = self._rank[object_indices(objects, count, self._surfaces.count, self.device)]
         cameras = numbers("camera_to_object", camera_to_object, (count, 4, 4), self.device).clone()

@@ -76,6 +76,7 @@ class SoundBatch:
         out
             (n, samples) float32 to be filled; new if None.
         """
+        # Arrays of any library are taken: their common type, `object`, has no length.
         count = len(points)  # type: ignore[arg-type]
         which = object_indices(objects, count, len(self._objects), self.device)
         places = numbers("points", points, (count, 3), self.device)

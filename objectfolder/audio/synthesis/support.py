@@ -142,6 +142,7 @@ class Support:
     def _over(cls, points: Floats, finding: str, total: dict[str, float]) -> "Support":
         if not len(points):
             raise QueryError("support", finding, "Give a place on the surface, metres.")
+        # `total` names fields that are numbers; types cannot tell them from those that are arrays.
         return cls(points[:: max(1, len(points) // MOST_POINTS)], **total)  # type: ignore[arg-type]
 
     def added(self, shapes: Floats, radiated_per_s: Floats | None = None) -> tuple[Floats, Floats]:
